@@ -1,0 +1,1 @@
+"""Recordings of a robot: reading, checking and splitting them."""

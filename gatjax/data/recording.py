@@ -1,0 +1,335 @@
+"""Recordings: the measured data that every method starts from.
+
+One Parquet or CSV file, one row per sample, SI units; the columns are in
+`docs/files.md`. Reading translates (`mapping.py`) but never resamples, sorts or fills:
+what cannot be trusted is refused with its file, row (counted from 1, without the
+header) and column.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+from pyarrow import csv, parquet
+
+from gatjax.data.mapping import (
+    COLUMN_FORMS,
+    JOINT_FAMILIES,
+    NO_MAP,
+    ColumnMap,
+    quantity_of,
+    resolve,
+    to_si,
+)
+from gatjax.runs import write_whole
+
+LARGEST_ANGLE = 6.4  # rad, just over a full turn: no position servo goes there
+DEGREES_SHARE = 0.05  # of the rows; fewer are glitches, not a unit
+FOREIGN_METADATA = ("pandas", "ARROW:schema")  # what other writers put in Parquet
+
+
+class Recording(NamedTuple):
+    """One file of measured data."""
+
+    name: str  # the file, or what made it
+    time: np.ndarray  # [N] s, strictly increasing within a trajectory
+    trajectory: np.ndarray  # [N] int, which run the row belongs to
+    columns: dict[str, np.ndarray]  # each [N], SI
+    metadata: dict[str, Any]  # robot, base, notes: text; rate_hz: float
+
+
+def read_recording(path: str | Path, mapping: ColumnMap | None = None) -> Recording:
+    """Reads a .parquet or .csv file (its metadata from the .json beside a .csv).
+
+    Args:
+        path: the file.
+        mapping: translates names, units, signs and offsets; None reads as it is.
+
+    Raises:
+        FileNotFoundError: there is no such file.
+        ValueError: one line: not a table, no rows, no time, text among the numbers.
+    """
+    path = Path(path)
+    file = str(path)
+    table, metadata = _read_table(path)
+    chosen = resolve(mapping or NO_MAP, table.column_names, file)
+    if "time" not in chosen:
+        raise ValueError(
+            f"{file}: no column 'time'; translate names with --map; "
+            f"it has {', '.join(table.column_names)}"
+        )
+    columns = {
+        column: to_si(entry, _numbers(table.column(entry.source), entry.source, file))
+        for column, entry in chosen.items()
+    }
+    time = columns.pop("time")
+    trajectory = columns.pop("trajectory", np.zeros(len(time)))
+    return Recording(
+        name=file,
+        time=time,
+        trajectory=_whole_numbers(trajectory, file),
+        columns=columns,
+        metadata=_metadata({**metadata, **(mapping or NO_MAP).metadata}, file),
+    )
+
+
+def write_recording(path: str | Path, recording: Recording) -> None:
+    """Writes a .parquet file, or a .csv file and its .json: whole or not at all.
+
+    Raises:
+        ValueError: unknown file ending, or columns of different length.
+        OSError: one line; nothing was changed (the disk is full, say).
+    """
+    path = Path(path)
+    lengths = {name: len(values) for name, values in recording.columns.items()}
+    lengths["trajectory"] = len(recording.trajectory)
+    for name, length in lengths.items():
+        if length != len(recording.time):
+            raise ValueError(
+                f"{path}: column {name!r} has {length} rows, "
+                f"time has {len(recording.time)}"
+            )
+    metadata = _metadata(recording.metadata, str(path))
+    table = pa.table(
+        {
+            "time": np.asarray(recording.time, np.float64),
+            "trajectory": np.asarray(recording.trajectory, np.int64),
+            **{k: np.asarray(v, np.float64) for k, v in recording.columns.items()},
+        }
+    )
+    buffer = io.BytesIO()
+    if _ending(path) == ".parquet":
+        text = {key: str(value) for key, value in metadata.items()}
+        parquet.write_table(table.replace_schema_metadata(text), buffer)
+        write_whole({path: buffer.getvalue()})
+    else:
+        csv.write_csv(table, buffer)
+        beside = json.dumps(metadata, indent=2).encode()
+        write_whole({path.with_suffix(".json"): beside, path: buffer.getvalue()})
+
+
+def check_recording(recording: Recording, joints: Sequence[str]) -> None:
+    """Refuses a recording that cannot be trusted.
+
+    Args:
+        recording: what was read.
+        joints: the names the model has.
+
+    Raises:
+        ValueError: one line with file, row and column: no rows, a column or joint that
+            is unknown, a command without position, NaN, time that does not increase,
+            degrees.
+    """
+    if len(recording.time) == 0:
+        raise ValueError(f"{recording.name}: no rows")
+    _check_names(recording, joints)
+    _check_pairs(recording)
+    for column, values in {"time": recording.time, **recording.columns}.items():
+        bad = np.flatnonzero(~np.isfinite(values))
+        if bad.size:
+            raise ValueError(
+                f"{_cell(recording.name, bad[0], column)}: {values[bad[0]]} is not a "
+                f"number ({bad.size} such rows); cut these rows out of the log"
+            )
+    _check_time(recording)
+    _check_degrees(recording)
+
+
+def _check_names(recording: Recording, joints: Sequence[str]) -> None:
+    """Refuses columns that no recording has and joints that the model lacks."""
+    for column in recording.columns:
+        if quantity_of(column) is None:
+            raise ValueError(
+                f"{recording.name}: column {column!r} is unknown; translate it with "
+                f"--map or list it under drop there; columns are {COLUMN_FORMS}"
+            )
+        family, _, joint = column.partition(".")
+        if family in JOINT_FAMILIES and joint not in joints:
+            close = get_close_matches(joint, joints, n=3)
+            hint = f"; close: {', '.join(close)}" if close else ""
+            raise ValueError(
+                f"{recording.name}: column {column!r}: the model has no joint "
+                f"{joint!r}{hint}; it has {', '.join(joints)}"
+            )
+
+
+def _check_pairs(recording: Recording) -> None:
+    """Refuses a joint with a command but no position, or the other way round."""
+    named = {
+        family: [c.partition(".")[2] for c in recording.columns if c.startswith(family)]
+        for family in ("command.", "position.")
+    }
+    if not any(named.values()):
+        raise ValueError(
+            f"{recording.name}: no command.<joint> and position.<joint> columns; "
+            f"translate names with --map; it has {', '.join(recording.columns)}"
+        )
+    for family, other in (("command.", "position."), ("position.", "command.")):
+        alone = [joint for joint in named[family] if joint not in named[other]]
+        if alone:
+            raise ValueError(
+                f"{recording.name}: {', '.join(family + joint for joint in alone)} "
+                f"without {', '.join(other + joint for joint in alone)}; "
+                f"a joint needs both, or drop it with --map"
+            )
+
+
+def _check_time(recording: Recording) -> None:
+    """Refuses time that stands still or runs back within a trajectory."""
+    order = np.argsort(recording.trajectory, kind="stable")
+    same = np.diff(recording.trajectory[order]) == 0
+    late = np.flatnonzero(same & (np.diff(recording.time[order]) <= 0.0))
+    if late.size:
+        first = late[np.argmin(order[late + 1])]
+        before, row = int(order[first]), int(order[first + 1])
+        raise ValueError(
+            f"{_cell(recording.name, row, 'time')}: {recording.time[row]} s after "
+            f"{recording.time[before]} s (row {before + 1}) in trajectory "
+            f"{recording.trajectory[row]}; time must increase within a trajectory, "
+            f"give every run its own number"
+        )
+
+
+def _check_degrees(recording: Recording) -> None:
+    """Refuses joint angles that can only be degrees."""
+    for column, values in recording.columns.items():
+        large = np.flatnonzero(np.abs(values) > LARGEST_ANGLE)
+        is_angle = column.startswith(("command.", "position."))
+        if is_angle and large.size > DEGREES_SHARE * values.size:
+            raise ValueError(
+                f"{_cell(recording.name, large[0], column)}: {values[large[0]]:g} rad "
+                f"looks like degrees ({large.size} of {values.size} rows above "
+                f"{LARGEST_ANGLE}), use a map with unit: deg"
+            )
+
+
+def _cell(file: str, row: int, column: str) -> str:
+    """Where a value stands; `row` counts from 0."""
+    return f"{file}: row {row + 1}, column {column!r}"
+
+
+def _ending(path: Path) -> str:
+    """The file's ending, if it is one that recordings have."""
+    if path.suffix not in (".parquet", ".csv"):
+        raise ValueError(f"{path}: a recording ends in .parquet or .csv")
+    return path.suffix
+
+
+def _read_table(path: Path) -> tuple[pa.Table, dict[str, Any]]:
+    """The file as it is, and its metadata."""
+    ending = _ending(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file{_neighbours(path.parent)}")
+    if path.stat().st_size == 0:
+        raise ValueError(f"{path}: the file is empty")
+    try:
+        if ending == ".parquet":
+            with parquet.ParquetFile(path) as file:
+                table = file.read()
+            metadata = _parquet_metadata(table)
+        else:
+            table = csv.read_csv(path)
+            metadata = _json_beside(path)
+    except pa.ArrowException as error:
+        line = str(error).splitlines()[0]
+        raise ValueError(f"{path}: not a readable {ending} file: {line}") from error
+    if table.num_rows == 0:
+        raise ValueError(f"{path}: no rows")
+    names = table.column_names
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise ValueError(f"{path}: column {', '.join(twice)} is there twice")
+    return table, metadata
+
+
+def _neighbours(folder: Path) -> str:
+    """The recordings that do exist in a folder, for a message."""
+    names = sorted(p.name for p in folder.glob("*") if p.suffix in (".parquet", ".csv"))
+    return f"; {folder} has {', '.join(names)}" if names else ""
+
+
+def _parquet_metadata(table: pa.Table) -> dict[str, Any]:
+    """Key-value metadata of a Parquet file, without what other writers add."""
+    raw = {k.decode(): v.decode() for k, v in (table.schema.metadata or {}).items()}
+    return {key: value for key, value in raw.items() if key not in FOREIGN_METADATA}
+
+
+def _json_beside(path: Path) -> dict[str, Any]:
+    """The .json beside a .csv; nothing if it is not there."""
+    beside = path.with_suffix(".json")
+    if not beside.is_file():
+        return {}
+    try:
+        metadata = json.loads(beside.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise ValueError(f"{beside}: not JSON: {error}") from error
+    if not isinstance(metadata, dict):
+        raise ValueError(f"{beside}: expected {{key: value}}")
+    return metadata
+
+
+def _metadata(raw: Mapping[str, Any], file: str) -> dict[str, Any]:
+    """Metadata in one form for both file types: text, but for `rate_hz`."""
+    metadata: dict[str, Any] = {
+        key: value if isinstance(value, str) else json.dumps(value, default=str)
+        for key, value in raw.items()
+    }
+    if metadata.get("base", "fixed") not in ("fixed", "floating"):
+        raise ValueError(
+            f"{file}: metadata base is {metadata['base']!r}; it is fixed or floating"
+        )
+    if "rate_hz" in metadata:
+        try:
+            rate = float(metadata["rate_hz"])
+        except ValueError:
+            rate = math.nan
+        if not 0.0 < rate < math.inf:
+            raise ValueError(
+                f"{file}: metadata rate_hz is {raw['rate_hz']!r}; it is a number > 0"
+            )
+        metadata["rate_hz"] = rate
+    return metadata
+
+
+def _numbers(column: pa.ChunkedArray, name: str, file: str) -> np.ndarray:
+    """A column as float64 [N]; missing values become NaN."""
+    kind = column.type
+    if any(test(kind) for test in (pa.types.is_string, pa.types.is_large_string)):
+        return np.array(
+            [
+                _parsed(text, row, name, file)
+                for row, text in enumerate(column.to_pylist())
+            ]
+        )
+    number_types = (pa.types.is_integer, pa.types.is_floating, pa.types.is_null)
+    if not any(test(kind) for test in number_types):
+        raise ValueError(f"{file}: column {name!r} holds {kind}, not numbers")
+    return column.cast(pa.float64(), safe=False).to_numpy()
+
+
+def _parsed(text: str | None, row: int, name: str, file: str) -> float:
+    """One cell of a column that came as text."""
+    try:
+        return float(text) if text else math.nan
+    except ValueError:
+        where = _cell(file, row, name)
+        raise ValueError(f"{where}: {text!r} is not a number") from None
+
+
+def _whole_numbers(values: np.ndarray, file: str) -> np.ndarray:
+    """The trajectory column as int64 [N]."""
+    bad = np.flatnonzero(~(np.isfinite(values) & (values == np.round(values))))
+    if bad.size:
+        raise ValueError(
+            f"{_cell(file, bad[0], 'trajectory')}: {values[bad[0]]} is not a whole "
+            f"number"
+        )
+    return values.astype(np.int64)

@@ -1,0 +1,124 @@
+"""Trajectories in and out of recordings, and the split into seen and held out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from gatjax.data.recording import Recording
+from gatjax.records import FORCE_SENSORS, JOINTS, Trajectory
+
+
+class JointRun(NamedTuple):
+    """What the joints were told and did in one trajectory."""
+
+    trajectory: int  # id in the recording
+    time: np.ndarray  # [T] s
+    command: np.ndarray  # [T, J] rad
+    angle: np.ndarray  # [T, J] rad
+
+
+def to_recording(
+    trajectory: Trajectory, robot: str, rate_hz: float, notes: Mapping[str, object]
+) -> Recording:
+    """Turns a batch of runs [N, T, ...] into a recording with ids 0 to N - 1.
+
+    Rows after a fall (`alive` False) are left out; the rest is taken as it is, so a run
+    that diverged (`Outcome.ok` False) must not be in the batch.
+
+    Raises:
+        ValueError: no row is left.
+    """
+    alive = np.asarray(trajectory.alive, bool)
+    if not alive.any():
+        raise ValueError(f"{robot}: no trajectory has a row before its fall")
+    groups = {
+        **_named("command", JOINTS, trajectory.command),
+        **_named("position", JOINTS, trajectory.reading.angle),
+        **_named("gyro", "xyz", trajectory.reading.gyro),
+        **_named("accelerometer", "xyz", trajectory.reading.accelerometer),
+        **_named("force", FORCE_SENSORS, trajectory.reading.force),
+        **_named("base", "xyz", trajectory.base.position),
+        **_named("base", ("qw", "qx", "qy", "qz"), trajectory.base.quaternion),
+    }
+    runs = np.arange(alive.shape[0])[:, None]
+    return Recording(
+        name=robot,
+        time=np.asarray(trajectory.time, np.float64)[alive],
+        trajectory=np.broadcast_to(runs, alive.shape)[alive],
+        columns={column: values[alive] for column, values in groups.items()},
+        metadata={
+            **{key: str(value) for key, value in notes.items()},
+            "robot": robot,
+            "base": "floating",
+            "rate_hz": float(rate_hz),
+        },
+    )
+
+
+def to_arrays(recording: Recording, joints: Sequence[str]) -> list[JointRun]:
+    """Cuts a recording into its trajectories, ids ascending, J as in `joints`.
+
+    Raises:
+        ValueError: the recording lacks a command or position of one of the joints.
+    """
+    missing = [
+        f"{family}.{joint}"
+        for joint in joints
+        for family in ("command", "position")
+        if f"{family}.{joint}" not in recording.columns
+    ]
+    if missing:
+        raise ValueError(
+            f"{recording.name}: no column {', '.join(missing)}; "
+            f"it has {', '.join(recording.columns)}"
+        )
+    command = np.stack([recording.columns[f"command.{j}"] for j in joints], axis=-1)
+    angle = np.stack([recording.columns[f"position.{j}"] for j in joints], axis=-1)
+    return [
+        JointRun(
+            trajectory=int(run),
+            time=recording.time[recording.trajectory == run],
+            command=command[recording.trajectory == run],
+            angle=angle[recording.trajectory == run],
+        )
+        for run in np.unique(recording.trajectory)
+    ]
+
+
+def split_by_trajectory(
+    ids: Sequence[int] | np.ndarray, held_out_share: float, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Draws whole trajectories to hold out: neighbouring rows are no independent test.
+
+    Args:
+        ids: trajectory ids, repeated ones count once, order does not matter.
+        held_out_share: share of the trajectories to hold out, between 0 and 1.
+        seed: same seed, same split.
+
+    Returns:
+        Ids to train on and ids held out, both ascending, at least one each.
+
+    Raises:
+        ValueError: the share is not between 0 and 1, or fewer than two trajectories.
+    """
+    unique = np.unique(np.asarray(ids))
+    if not 0.0 < held_out_share < 1.0:
+        raise ValueError(f"held_out_share is {held_out_share}; choose between 0 and 1")
+    if unique.size < 2:
+        raise ValueError(
+            f"{unique.size} trajectory can not be split; record at least two"
+        )
+    held_out = min(max(round(held_out_share * unique.size), 1), unique.size - 1)
+    shuffled = np.random.default_rng(seed).permutation(unique)
+    return np.sort(shuffled[held_out:]), np.sort(shuffled[:held_out])
+
+
+def _named(
+    family: str, parts: Sequence[str], values: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Columns `<family>.<part>` [N, T] of an array [N, T, len(parts)]."""
+    array = np.asarray(values, np.float64)
+    return {f"{family}.{part}": array[..., k] for k, part in enumerate(parts)}

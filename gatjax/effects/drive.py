@@ -1,0 +1,118 @@
+"""Effects on the way from the commanded target to the servo.
+
+Each acts on `Signal.target` and works in the command slot (per control tick) or in the
+motor slot (per physics step): `period` is the time between two calls, s. Parameters are
+[J] arrays or scalars; the neutral value of each changes nothing.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gatjax.effects.effect import Effect, memoryless
+from gatjax.records import Signal
+from gatjax.xp import namespace_of
+
+Array = Any
+
+
+def delay(period: float, longest: float) -> Effect:
+    """Hand on the target late; params: delay in s, 0 <= delay <= longest.
+
+    Between whole calls the two nearest targets are mixed linearly. The weights are built
+    with floor, so that gradients are right at whole calls too.
+    """
+    slots = int(np.ceil(longest / period - 1e-9)) + 1
+
+    def init(seconds: Array, signal: Signal) -> Array:
+        xp = namespace_of(signal.target)
+        return xp.stack([signal.target] * (slots + 1), axis=-2)
+
+    def apply(seconds: Array, held: Array, signal: Signal) -> tuple[Array, Signal]:
+        xp = namespace_of(signal.target, seconds)
+        newest = signal.target[..., None, :]
+        held = xp.concatenate([newest, held[..., :-1, :]], axis=-2)
+        calls = xp.clip(seconds / period, 0.0, slots - 1.0)
+        whole = xp.floor(calls)
+        part = (calls - whole)[..., None, :] if xp.ndim(calls) else calls - whole
+        whole = whole[..., None, :] if xp.ndim(calls) else whole
+        index = xp.arange(slots + 1, dtype=signal.target.dtype)[:, None]
+        weight = (index == whole) * (1.0 - part) + (index == whole + 1.0) * part
+        weight = xp.broadcast_to(weight, held.shape)
+        return held, signal._replace(target=(weight * held).sum(-2))
+
+    return Effect(init, apply)
+
+
+def lag(period: float) -> Effect:
+    """First-order low pass of the target; params: time constant in s, 0 is neutral.
+
+    tau y' = target - y, exact for a target that is held between calls.
+    """
+
+    def init(tau: Array, signal: Signal) -> Array:
+        return signal.target
+
+    def apply(tau: Array, held: Array, signal: Signal) -> tuple[Array, Signal]:
+        xp = namespace_of(signal.target, tau)
+        share = 1.0 - xp.exp(-period / xp.maximum(tau, 1e-9))
+        held = held + (signal.target - held) * share
+        return held, signal._replace(target=held)
+
+    return Effect(init, apply)
+
+
+def speed_limit(period: float) -> Effect:
+    """Limit the speed of the target; params: limit in rad/s, inf is neutral."""
+
+    def init(limit: Array, signal: Signal) -> Array:
+        return signal.target
+
+    def apply(limit: Array, held: Array, signal: Signal) -> tuple[Array, Signal]:
+        xp = namespace_of(signal.target, limit)
+        step = limit * period
+        held = held + xp.clip(signal.target - held, -step, step)
+        return held, signal._replace(target=held)
+
+    return Effect(init, apply)
+
+
+def backlash() -> Effect:
+    """Play between motor and link; params: total width in rad, 0 is neutral.
+
+    The play operator: the output rests until the input has crossed the gap.
+    """
+
+    def init(width: Array, signal: Signal) -> Array:
+        return signal.target
+
+    def apply(width: Array, held: Array, signal: Signal) -> tuple[Array, Signal]:
+        xp = namespace_of(signal.target, width)
+        half = 0.5 * width
+        held = xp.clip(held, signal.target - half, signal.target + half)
+        return held, signal._replace(target=held)
+
+    return Effect(init, apply)
+
+
+def dead_band() -> Effect:
+    """Servo that ignores small errors; params: half width in rad, 0 is neutral."""
+
+    def change(half: Array, signal: Signal) -> Signal:
+        xp = namespace_of(signal.target, half)
+        error = signal.target - signal.angle
+        left = error - xp.clip(error, -half, half)
+        return signal._replace(target=signal.angle + left)
+
+    return memoryless(change)
+
+
+def noise() -> Effect:
+    """Gaussian noise on the target; params: standard deviation in rad, 0 is neutral."""
+
+    def change(deviation: Array, signal: Signal) -> Signal:
+        return signal._replace(target=signal.target + deviation * signal.noise)
+
+    return memoryless(change)

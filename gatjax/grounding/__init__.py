@@ -1,0 +1,1 @@
+"""Ways to learn a correction of the actions from recordings."""

@@ -1,0 +1,1 @@
+"""What a NAO is: its model, its joints, their limits and their motors."""

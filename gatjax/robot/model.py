@@ -1,0 +1,75 @@
+"""The MuJoCo model of a robot and where its joints and sensors lie."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from gatjax.robot.nao import MODEL_FILE
+
+
+class Slots(NamedTuple):
+    """Where the actuated joints and the sensors lie in the state vectors."""
+
+    position: np.ndarray  # [J] into qpos
+    velocity: np.ndarray  # [J] into qvel
+    gyro: slice
+    accelerometer: slice
+    force: slice
+
+
+def load(path: str | Path = "nao", timestep: float | None = None) -> mujoco.MjModel:
+    """Load a MuJoCo model; `nao` is the one that ships with gatjax.
+
+    Args:
+        path: MJCF file, or "nao".
+        timestep: physics step in s, if it shall differ from the file's.
+    """
+    file = MODEL_FILE if str(path) == "nao" else Path(path)
+    if not file.is_file():
+        raise FileNotFoundError(f"model file {file} does not exist; give an MJCF file")
+    try:
+        model = mujoco.MjModel.from_xml_path(str(file))
+    except ValueError as error:
+        reason = " ".join(str(error).split())
+        raise ValueError(f"{file} is not a valid MJCF model: {reason}") from error
+    if timestep is not None:
+        model.opt.timestep = timestep
+    return model
+
+
+def joint_names(model: mujoco.MjModel) -> tuple[str, ...]:
+    """Names of the joints that the actuators drive, in actuator order."""
+    ids = model.actuator_trnid[:, 0]
+    wrong = model.actuator_trntype != mujoco.mjtTrn.mjTRN_JOINT
+    if wrong.any():
+        name = model.actuator(int(np.flatnonzero(wrong)[0])).name
+        raise ValueError(f"actuator {name!r} drives no joint; use joint actuators")
+    return tuple(model.joint(int(index)).name for index in ids)
+
+
+def _sensor(model: mujoco.MjModel, kind: int) -> slice:
+    """Return the part of sensordata that holds all sensors of one kind."""
+    ids = np.flatnonzero(model.sensor_type == kind)
+    if len(ids) == 0:
+        return slice(0, 0)
+    first, last = ids[0], ids[-1]
+    return slice(
+        int(model.sensor_adr[first]),
+        int(model.sensor_adr[last] + model.sensor_dim[last]),
+    )
+
+
+def slots(model: mujoco.MjModel) -> Slots:
+    """Find the actuated joints and the sensors of a model, once."""
+    ids = model.actuator_trnid[:, 0]
+    return Slots(
+        position=model.jnt_qposadr[ids],
+        velocity=model.jnt_dofadr[ids],
+        gyro=_sensor(model, mujoco.mjtSensor.mjSENS_GYRO),
+        accelerometer=_sensor(model, mujoco.mjtSensor.mjSENS_ACCELEROMETER),
+        force=_sensor(model, mujoco.mjtSensor.mjSENS_TOUCH),
+    )

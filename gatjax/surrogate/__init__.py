@@ -1,0 +1,1 @@
+"""Robots to transfer to: bodies with hidden effects in other physics engines."""

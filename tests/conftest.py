@@ -1,0 +1,25 @@
+"""Every test runs on the CPU, in float64, and with strict broadcasting."""
+
+import os
+
+os.environ.setdefault("JAX_PLATFORMS", "cpu")
+
+import hypothesis
+import jax
+
+jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_numpy_rank_promotion", "raise")
+
+# The same examples on every machine, and no example fails for being slow: the first
+# call of a jitted function compiles it.
+hypothesis.settings.register_profile(
+    "gatjax", deadline=None, derandomize=True, print_blob=True
+)
+hypothesis.settings.load_profile("gatjax")
+
+
+def pytest_configure(config):
+    """Keep compiled functions between runs and share them between workers."""
+    folder = config.rootpath / ".pytest_cache" / "jax"
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
