@@ -436,7 +436,7 @@ def _policy_value(parameter: Parameter, entry: Any, path: Path) -> float:
     given = entry.get("unit")
     if given != unit:
         raise ValueError(f"{path}: unit of {name} is {given!r}; it must be {unit!r}")
-    _check_bounds(parameter, value, path)
+    _check_bounds(parameter, float(value), path)
     return float(value)
 
 

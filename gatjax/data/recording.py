@@ -211,7 +211,7 @@ def _check_degrees(recording: Recording) -> None:
             )
 
 
-def _cell(file: str, row: int, column: str) -> str:
+def _cell(file: str, row: int | np.integer, column: str) -> str:
     """Where a value stands; `row` counts from 0."""
     return f"{file}: row {row + 1}, column {column!r}"
 

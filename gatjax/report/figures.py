@@ -127,6 +127,7 @@ def velocity_picture(summary: Summary, kind: str) -> str:
                     axes.plot(place, 0.03, transform=across, clip_on=False, **mark)
             _line(axes, method, points)
         axis.label(axes)
+        axes.set_ylim(*_velocity_limits(summary))
         axes.set_ylabel("velocity, cm/s")
 
     return draw(paint)
@@ -233,6 +234,22 @@ def _candidates(
             rows.append((method.name, own))
     every = [each for method in summary.methods for each in method.candidates]
     return rows, Axis(every)
+
+
+def _velocity_limits(summary: Summary) -> tuple[float, float]:
+    """Limits that hold every candidate, so that the pictures can be compared."""
+    every = [each for method in summary.methods for each in method.candidates]
+    velocities = [each.velocity for each in (*every, summary.theta0) if each]
+    ends = [
+        end
+        for velocity in velocities
+        if velocity is not None
+        for end in velocity
+        if math.isfinite(end)
+    ]
+    low, high = min(ends, default=0.0), max(ends, default=1.0)
+    room = max(0.08 * (high - low), 0.5)
+    return low - 1.5 * room, high + room
 
 
 def _dodge(index: int, count: int) -> float:

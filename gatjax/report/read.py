@@ -10,7 +10,7 @@ import csv
 import json
 import math
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, get_type_hints
 
 THETA0 = "theta0"
 
@@ -152,15 +152,15 @@ def read_table(path: Path, record: type[Row], problems: list[str]) -> list[Row]:
 def _record(record: type[Row], cells: dict[str, str | None]) -> Row:
     """Build one record; an empty float is nan, an empty int 0, a cut row an error."""
     values = []
-    for name, kind in record.__annotations__.items():
+    for name, kind in get_type_hints(record).items():
         if name not in cells:
             raise KeyError(f"column {name} is missing")
         text = cells[name]
         if text is None:
             raise ValueError("the line is cut")
-        if kind == "str":
+        if kind is str:
             values.append(text)
-        elif kind == "int":
+        elif kind is int:
             values.append(int(float(text or 0)))
         else:
             values.append(float(text) if text else math.nan)

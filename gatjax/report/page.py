@@ -1,0 +1,113 @@
+"""Run folder to report.html, one file that opens without a network."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from gatjax.report import facts, sections
+from gatjax.report.read import Run, read_run
+from gatjax.report.tables import Summary, summarise
+from gatjax.report.verdict import Verdict, judge
+from gatjax.report.walks import Walk, choose, read_walks
+from gatjax.report.wording import escape
+
+HERE = Path(__file__).parent
+BADGES = {
+    "better": "grounding beat no grounding",
+    "safer": "grounding fell less, not faster",
+    "unclear": "no clear difference",
+    "not better": "grounding did not beat no grounding",
+    "no comparison": "nothing to compare",
+    "no data": "no data yet",
+}
+
+
+def build_report(folder: Path) -> Path:
+    """Write report.html into a run folder and return its path.
+
+    Whatever the run has not written yet is named on the page and left out. The file is
+    replaced in one step, so an older report survives a full disk.
+
+    Args:
+        folder: Run folder as docs/files.md describes it; its tables hold SI units.
+
+    Raises:
+        FileNotFoundError: `folder` is not a folder.
+        OSError: the page cannot be written.
+    """
+    folder = Path(folder)
+    run = read_run(folder)
+    summary = summarise(run)
+    walks = read_walks(folder, run.problems)
+    page = render(run, summary, judge(summary), choose(walks, fastest(summary)))
+    path, part = folder / "report.html", folder / "report.html.part"
+    try:
+        part.write_text(page, encoding="utf-8")
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+    return path
+
+
+def fastest(summary: Summary) -> str | None:
+    """Name of the method with the fastest walk that never fell."""
+    speeds = {
+        method.name: method.best.velocity.mean
+        for method in summary.methods
+        if method.best is not None and method.best.velocity is not None
+    }
+    return max(speeds, key=speeds.__getitem__, default=None)
+
+
+def render(run: Run, summary: Summary, verdict: Verdict, walks: list[Walk]) -> str:
+    """Put the page together."""
+    style = (HERE / "style.css").read_text(encoding="utf-8")
+    script = (HERE / "viewer.js").read_text(encoding="utf-8")
+    robot = escape(run.robot.get("name", "unknown robot"))
+    body = "".join(
+        (
+            head(run, summary, verdict, robot),
+            missing(run.problems),
+            sections.method_table(summary),
+            sections.animation(walks),
+            sections.robot_pictures(summary),
+            sections.cost_pictures(run, summary),
+            sections.prediction_pictures(run),
+            facts.parameter_table(run, summary),
+            facts.run_facts(run),
+        )
+    )
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>gatjax: {escape(run.folder.resolve().name)}</title>"
+        f"<style>\n{style}</style></head>\n<body><main>{body}"
+        "<footer>Written by gatjax from the files of the run folder.</footer></main>\n"
+        f"<script>\n{script}</script></body></html>\n"
+    )
+
+
+def head(run: Run, summary: Summary, verdict: Verdict, robot: str) -> str:
+    """Run name, the verdict and the key numbers."""
+    kind = verdict.kind.replace(" ", "-")
+    name = escape(run.folder.resolve().name)
+    return (
+        f'<header><p class="name">gatjax report of {name}, robot: {robot}</p>'
+        f"<h1>{escape(verdict.sentence)}</h1>"
+        f'<p><span class="badge {kind}">{BADGES[verdict.kind]}</span></p>'
+        f"{sections.cards(summary)}</header>"
+    )
+
+
+def missing(problems: list[str]) -> str:
+    """Say what the run folder lacks; nothing if it is complete."""
+    if not problems:
+        return ""
+    lines = "".join(f"<li>{escape(problem)}</li>" for problem in problems[:12])
+    if len(problems) > 12:
+        lines += f"<li>and {len(problems) - 12} more</li>"
+    return (
+        '<section class="missing"><h2>This run is not complete</h2>'
+        f"<ul>{lines}</ul></section>"
+    )

@@ -1,0 +1,201 @@
+"""The mjx backend: whole runs inside one compiled function.
+
+`rollout`, `outcome` and `replay` return functions for one robot; the outermost caller
+vmaps, jits and shards them. `impl` is "jax", or "warp" on NVIDIA GPUs.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from mujoco import mjx
+
+from gatjax.records import Outcome, Signal, Trajectory
+from gatjax.robot.model import slots as find_slots
+from gatjax.sim import episode
+from gatjax.sim.world import Values, World, dropped_by_mjx, fields_applied
+
+Array = Any
+CONTACTS, ROWS = 9, 96  # MJX-Warp buffers per world: 8 sole contacts, limits, equality
+
+
+def check(world: World, impl: str) -> None:
+    """Raise if this machine or MJX can't run the world as it is described."""
+    lost = dropped_by_mjx(world.model)
+    if lost:
+        raise ValueError(f"MJX can't represent {', '.join(lost)}; use --backend native")
+    if impl not in ("jax", "warp"):
+        raise ValueError(f"impl {impl!r} is unknown; choose from ['jax', 'warp']")
+    if impl == "warp":
+        if importlib.util.find_spec("warp") is None:
+            raise ValueError("impl 'warp' needs warp-lang; pip install 'gatjax[warp]'")
+        if jax.default_backend() != "gpu":
+            raise ValueError("impl 'warp' needs an NVIDIA GPU; use --impl jax")
+
+
+def use_compile_cache() -> None:
+    """Keep compiled programs in the user's cache folder, across runs."""
+    root = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
+    jax.config.update("jax_compilation_cache_dir", str(root / "gatjax" / "xla"))
+
+
+def _physics(world: World, impl: str) -> tuple[Any, Any]:
+    check(world, impl)
+    model = fields_applied(world)
+    if impl == "warp":
+        return mjx.put_model(model, impl=impl), mjx.make_data(
+            model, impl=impl, nconmax=CONTACTS, njmax=ROWS
+        )
+    return mjx.put_model(model, impl=impl), mjx.make_data(model, impl=impl)
+
+
+def _float(tree: Any) -> Any:
+    """Cast every float to JAX's default float."""
+    return jax.tree.map(
+        lambda leaf: jnp.asarray(leaf, jnp.result_type(float)), tree
+    )
+
+
+def _substeps(world: World, values: Values, model: Any) -> Callable:
+    """Return (data, motor state, target) -> the same after one control tick."""
+    _, motor, _ = world.chains()
+    where = find_slots(world.model)
+
+    def advance(data: Any, state: Any, target: Array) -> tuple[Any, Any]:
+        def step(carry: tuple, _: None) -> tuple:
+            data, state = carry
+            angle, velocity = data.qpos[where.position], data.qvel[where.velocity]
+            signal = Signal(target, angle, velocity, jnp.zeros_like(target))
+            state, signal = motor.apply(values.motor, state, signal)
+            return (mjx.step(model, data.replace(ctrl=signal.target)), state), None
+
+        return jax.lax.scan(step, (data, state), None, length=world.substeps)[0]
+
+    return advance
+
+
+def _first_signal(target: Array, plant: episode.Plant) -> Signal:
+    return Signal(target, plant.reading.angle, plant.velocity, jnp.zeros_like(target))
+
+
+def _run(world: World, impl: str, keep: Callable) -> Callable:
+    base_model, base_data = _physics(world, impl)
+    where = find_slots(world.model)
+    _, motor, _ = world.chains()
+
+    def run(values: Values, policy: Array, key: Array) -> tuple[Any, episode.Loop]:
+        values, policy = _float(values), _float(policy)
+        model = base_model.tree_replace(values.body) if values.body else base_model
+        start_key, noise_key = jax.random.split(key)
+        begin = episode.start(world, where, policy, start_key)
+        data = base_data.replace(
+            qpos=begin.qpos.astype(base_data.qpos.dtype),
+            qvel=begin.qvel.astype(base_data.qvel.dtype),
+        )
+
+        def see(data: Any) -> episode.Plant:
+            return episode.observe(where, data.qpos, data.qvel, data.sensordata)
+
+        plant = see(data)
+        loop = episode.open_loop(world, values, policy, plant)
+        signal = _first_signal(episode.tasks.pose(policy), plant)
+        state = motor.init(values.motor, signal)
+        control = episode.control(world, values, policy, noise_key, begin.go)
+        advance = _substeps(world, values, model)
+
+        def tick(carry: tuple, index: Array) -> tuple:
+            loop, data, state = carry
+            loop, target, row = control(loop, index, see(data))
+            data, state = advance(data, state, target)
+            return (loop, data, state), keep(row)
+
+        ticks = jnp.arange(world.task.ticks, dtype=jnp.int32)
+        (loop, _, _), rows = jax.lax.scan(tick, (loop, data, state), ticks)
+        return rows, loop
+
+    return run
+
+
+def outcome(world: World, impl: str = "jax") -> Callable[..., Outcome]:
+    """Return (values, policy [15], key) -> Outcome of one closed-loop run."""
+    run = _run(world, impl, keep=lambda row: None)
+
+    def one(values: Values, policy: Array, key: Array) -> Outcome:
+        return episode.verdict(world, run(values, policy, key)[1])
+
+    return one
+
+
+def rollout(
+    world: World, impl: str = "jax"
+) -> Callable[..., tuple[Trajectory, Outcome]]:
+    """Return (values, policy [15], key) -> (Trajectory [T], Outcome), closed loop."""
+    run = _run(world, impl, keep=lambda row: row)
+
+    def one(values: Values, policy: Array, key: Array) -> tuple[Trajectory, Outcome]:
+        rows, loop = run(values, policy, key)
+        return episode.trajectory(world, rows), episode.verdict(world, loop)
+
+    return one
+
+
+def replay(world: World, impl: str = "jax") -> Callable[..., Array]:
+    """Return the open-loop replay of recorded commands.
+
+    The function takes (values, command [T, J] rad, angle [W, J] rad, qpos [nq],
+    qvel [nv]): the first W commands only warm up the effects, which see the recorded
+    angles; then the physics starts at qpos, qvel and plays the other T - W commands.
+    It returns the joint angles [T - W, J] after each of those ticks, rad.
+    """
+    base_model, base_data = _physics(world, impl)
+    where = find_slots(world.model)
+    command, motor, _ = world.chains()
+
+    def one(
+        values: Values, commands: Array, angles: Array, qpos: Array, qvel: Array
+    ) -> Array:
+        values = _float(values)
+        model = base_model.tree_replace(values.body) if values.body else base_model
+        data = base_data.replace(qpos=_float(qpos), qvel=_float(qvel))
+        commands, angles = _float(commands), _float(angles)
+        still = jnp.zeros_like(angles[0])
+        first = Signal(commands[0], angles[0], still, still)
+        state, motor_state = command.init(values.command, first), None
+        warm = angles.shape[0]
+        target = commands[0]
+        motor_state = motor.init(values.motor, first)
+        for index in range(warm):
+            signal = Signal(commands[index], angles[index], still, still)
+            state, signal = command.apply(values.command, state, signal)
+            target = signal.target
+            for _ in range(world.substeps):
+                held = Signal(target, angles[index], still, still)
+                motor_state, _ = motor.apply(values.motor, motor_state, held)
+        advance = _substeps(world, values, model)
+
+        def tick(carry: tuple, asked: Array) -> tuple:
+            state, data, motor_state = carry
+            angle, velocity = data.qpos[where.position], data.qvel[where.velocity]
+            signal = Signal(asked, angle, velocity, jnp.zeros_like(asked))
+            state, signal = command.apply(values.command, state, signal)
+            data, motor_state = advance(data, motor_state, signal.target)
+            return (state, data, motor_state), data.qpos[where.position]
+
+        carry = (state, data, motor_state)
+        return jax.lax.scan(tick, carry, commands[warm:])[1]
+
+    return one
+
+
+def device_memory() -> float | None:
+    """Peak device memory in GiB, if the device reports it."""
+    stats = jax.local_devices()[0].memory_stats() or {}
+    peak = stats.get("peak_bytes_in_use")
+    return None if peak is None else float(np.round(peak / 2**30, 3))

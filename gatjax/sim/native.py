@@ -1,0 +1,196 @@
+"""The native backend: MuJoCo C on all CPU cores, the control loop vectorised between.
+
+`mujoco.batch.Batch` steps the physics; pilot, effects and networks run as one compiled
+CPU function over all robots. Robots that fell or finished are no longer stepped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+from mujoco import batch
+
+from gatjax import task as tasks
+from gatjax.records import Outcome, Signal, Trajectory
+from gatjax.robot.model import slots as find_slots
+from gatjax.sim import episode
+from gatjax.sim.world import Values, World, fields_applied
+
+Array = Any
+
+
+def _cpu(function: Callable, axes: tuple) -> Callable:
+    """Vectorise and compile for the CPU, wherever else JAX computes."""
+    compiled = jax.jit(jax.vmap(function, in_axes=axes))
+    device = jax.local_devices(backend="cpu")[0]
+
+    def call(*arguments: Any) -> Any:
+        with jax.default_device(device):
+            return compiled(*arguments)
+
+    return call
+
+
+class Native:
+    """Runs of one world on the CPU; every method takes values and a batch."""
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self._where = find_slots(world.model)
+        self._begin = _cpu(self._begin_one, (None, 0, 0))
+        self._tick = _cpu(self._tick_one, (None, 0, 0, 0, 0, None, 0, 0, 0))
+        self._motor = _cpu(self._motor_one, (None, 0, 0, 0, 0))
+        self._command = _cpu(self._command_one, (None, 0, 0, 0, 0))
+        self._init = _cpu(self._init_one, (None, 0, 0))
+
+    # one robot; vectorised by the constructor
+
+    def _begin_one(self, values: Values, policy: Array, key: Array) -> tuple:
+        start_key, noise_key = jax.random.split(key)
+        begin = episode.start(self.world, self._where, policy, start_key)
+        sensors = jnp.zeros(self.world.model.nsensordata, policy.dtype)
+        plant = episode.observe(self._where, begin.qpos, begin.qvel, sensors)
+        loop = episode.open_loop(self.world, values, policy, plant)
+        first = Signal(
+            tasks.pose(policy), plant.reading.angle, plant.velocity,
+            jnp.zeros_like(plant.velocity),
+        )  # fmt: skip
+        motor = self.world.chains()[1].init(values.motor, first)
+        return begin, loop, motor, noise_key
+
+    def _tick_one(
+        self, values: Values, policy: Array, key: Array, go: Array, loop: episode.Loop,
+        tick: Array, qpos: Array, qvel: Array, sensors: Array,
+    ) -> tuple[episode.Loop, Array, episode.Row]:  # fmt: skip
+        control = episode.control(self.world, values, policy, key, go)
+        return control(loop, tick, episode.observe(self._where, qpos, qvel, sensors))
+
+    def _motor_one(
+        self, values: Values, state: Any, target: Array, angle: Array, velocity: Array
+    ) -> tuple[Any, Array]:
+        signal = Signal(target, angle, velocity, jnp.zeros_like(target))
+        state, signal = self.world.chains()[1].apply(values.motor, state, signal)
+        return state, signal.target
+
+    def _command_one(
+        self, values: Values, state: Any, target: Array, angle: Array, velocity: Array
+    ) -> tuple[Any, Array]:
+        signal = Signal(target, angle, velocity, jnp.zeros_like(target))
+        state, signal = self.world.chains()[0].apply(values.command, state, signal)
+        return state, signal.target
+
+    def _init_one(self, values: Values, target: Array, angle: Array) -> tuple[Any, Any]:
+        command, motor, _ = self.world.chains()
+        signal = Signal(target, angle, jnp.zeros_like(angle), jnp.zeros_like(angle))
+        return command.init(values.command, signal), motor.init(values.motor, signal)
+
+    # batches
+
+    def _batch(self, values: Values, size: int) -> batch.Batch:
+        world = self.world
+        body = world.values._replace(body=values.body)
+        model = fields_applied(type(world)(**{**vars(world), "values": body}))
+        return batch.Batch(model, nsim=size)
+
+    def _advance(
+        self, physics: batch.Batch, values: Values, motor: Any, target: Array, ids: Any
+    ) -> Any:
+        """Play one control tick; return the motor effects' state."""
+        if not self.world.motor:
+            physics.ctrl[:] = np.asarray(target)
+            physics.step(ids=ids, nstep=self.world.substeps)
+            return motor
+        for _ in range(self.world.substeps):
+            angle = physics.qpos[:, self._where.position]
+            velocity = physics.qvel[:, self._where.velocity]
+            motor, sent = self._motor(values, motor, target, angle, velocity)
+            physics.ctrl[:] = np.asarray(sent)
+            physics.step(ids=ids)
+        return motor
+
+    def _run(self, values: Values, policies: Array, keys: Array, keep: Callable) -> Any:
+        policies = jnp.asarray(policies, jnp.result_type(float))
+        begin, loop, motor, noise_keys = self._begin(values, policies, keys)
+        physics = self._batch(values, len(policies))
+        physics.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+        physics.qpos[:], physics.qvel[:] = begin.qpos, begin.qvel
+        sensors = physics.bind("sensordata")
+        for tick in range(self.world.task.ticks):
+            loop, target, row = self._tick(
+                values, policies, noise_keys, begin.go, loop,
+                jnp.int32(tick), physics.qpos, physics.qvel, sensors,
+            )  # fmt: skip
+            keep(row)
+            ids = np.flatnonzero(np.asarray(loop.score.alive))
+            if len(ids) == 0:
+                break
+            motor = self._advance(physics, values, motor, target, ids)
+        return jax.tree.map(np.asarray, episode.verdict(self.world, loop))
+
+    def outcome(self, values: Values, policies: Array, keys: Array) -> Outcome:
+        """Closed-loop runs of policies [B, 15] with keys [B] -> Outcome [B]."""
+        return self._run(values, policies, keys, keep=lambda row: None)
+
+    def rollout(
+        self, values: Values, policies: Array, keys: Array
+    ) -> tuple[Trajectory, Outcome]:
+        """Closed-loop runs -> (Trajectory [B, T, ...], Outcome [B])."""
+        rows: list[episode.Row] = []
+        verdict = self._run(
+            values, policies, keys,
+            keep=lambda row: rows.append(jax.tree.map(np.asarray, row)),
+        )  # fmt: skip
+        last = jax.tree.map(lambda leaf: np.array(leaf), rows[-1])
+        last = last._replace(alive=np.zeros_like(last.alive))
+        rows += [last] * (self.world.task.ticks - len(rows))
+        stacked = jax.tree.map(lambda *leaves: np.stack(leaves, axis=1), *rows)
+        time = np.arange(len(rows)) * self.world.task.control_period
+        time = np.broadcast_to(time, stacked.alive.shape)
+        return (
+            Trajectory(
+                time, stacked.command, stacked.reading, stacked.base, stacked.alive
+            ),
+            verdict,
+        )
+
+    def replay(
+        self, values: Values, commands: Array, angles: Array, qpos: Array, qvel: Array
+    ) -> np.ndarray:
+        """Open-loop replay of windows; see `gatjax.sim.mjx.replay`.
+
+        Args:
+            values: the world's values.
+            commands: [B, T, J] rad.
+            angles: [B, W, J] rad, recorded, for warming up the effects.
+            qpos: [B, nq] physics state after the warm-up.
+            qvel: [B, nv]
+
+        Returns:
+            Joint angles [B, T - W, J] after each tick, rad.
+        """
+        physics = self._batch(values, len(commands))
+        physics.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+        physics.qpos[:], physics.qvel[:] = qpos, qvel
+        state, motor = self._init(values, commands[:, 0], angles[:, 0])
+        warm, played = angles.shape[1], []
+        for index in range(commands.shape[1]):
+            if index < warm:
+                angle, velocity = angles[:, index], 0.0 * angles[:, index]
+            else:
+                angle = physics.qpos[:, self._where.position]
+                velocity = physics.qvel[:, self._where.velocity]
+            state, target = self._command(
+                values, state, commands[:, index], angle, velocity
+            )
+            if index < warm:
+                for _ in range(self.world.substeps if self.world.motor else 0):
+                    motor, _ = self._motor(values, motor, target, angle, velocity)
+                continue
+            motor = self._advance(physics, values, motor, target, None)
+            played.append(physics.qpos[:, self._where.position].copy())
+        return np.stack(played, axis=1)
