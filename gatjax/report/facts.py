@@ -96,9 +96,7 @@ def steps_between(name: str, start: float, run: Run, stem: str) -> float:
     return (after.value - start) / SEARCHED[name].step
 
 
-def _value_cell(
-    run: Run, each: Chosen, name: str, change: float, widest: float
-) -> str:
+def _value_cell(run: Run, each: Chosen, name: str, change: float, widest: float) -> str:
     after = run.policies[each.stem].get(name)
     if after is None:
         return f"<td>{DASH}</td>"
@@ -136,7 +134,9 @@ def run_facts(run: Run) -> str:
             opened = " open" if len(rows) <= 14 else ""
             tables += f"<details{opened}><summary>{escape(name)}</summary>"
             tables += f"{_facts(rows)}</details>"
-    return section("The run", tables or "<p>The folder holds no facts about the run.</p>")
+    return section(
+        "The run", tables or "<p>The folder holds no facts about the run.</p>"
+    )
 
 
 def seconds_of(run: Run) -> dict[str, float]:
@@ -171,6 +171,9 @@ def flatten(content: Any, prefix: str = "") -> list[tuple[str, str]]:
 
 def _facts(rows: list[tuple[str, str]]) -> str:
     lines = "".join(
-        f"<tr><td>{escape(name)}</td><td>{escape(text)}</td></tr>" for name, text in rows
+        f"<tr><td>{escape(name)}</td><td>{escape(text)}</td></tr>"
+        for name, text in rows
     )
-    return f'<div class=scroll><table class="facts"><tbody>{lines}</tbody></table></div>'
+    return (
+        f'<div class=scroll><table class="facts"><tbody>{lines}</tbody></table></div>'
+    )

@@ -1,85 +1,31 @@
-"""Pictures of a run as inline svg, drawn by matplotlib and coloured by the page's css.
-
-Every colour is drawn as a stand-in and replaced by a css variable, so that one picture
-serves the light and the dark page. The palette is Okabe and Ito's, which readers with
-any colour vision can tell apart; line markers differ as well.
-"""
+"""The pictures of a run as inline svg."""
 
 from __future__ import annotations
 
-import io
 import math
-import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from typing import NamedTuple
 
-import matplotlib
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-from gatjax.report.intervals import Interval, mean_interval, share_interval
+from gatjax.report.ink import COLOURS, FAINT, MARKERS, PAPER, colour_of, draw
+from gatjax.report.intervals import Interval, share_interval
 from gatjax.report.read import THETA0, Metric, Prediction, Rollout
 from gatjax.report.tables import CM, Candidate, Summary, ordered
 from gatjax.report.wording import number
 
-INK, FAINT, GRID, PAPER = "#010203", "#010204", "#010205", "#010206"
-STAND_INS = {
-    INK: "--ink",
-    FAINT: "--faint",
-    GRID: "--grid",
-    PAPER: "--card",
-    "#010207": "--none",
-    "#010208": "--envelope",
-    "#010209": "--guided",
-    "#01020a": "--gat",
-    "#01020b": "--other",
-    "#01020c": "--theta0",
-}
-COLOURS = {variable[2:]: stand_in for stand_in, variable in STAND_INS.items()}
-MARKERS = {"none": "o", "envelope": "^", "guided": "D", "gat": "s"}
 FALL_COST = 15.0  # what a fall adds to the cost in m/s
-STYLE = {
-    "svg.fonttype": "none",
-    "svg.hashsalt": "gatjax",
-    "font.size": 11,
-    "axes.edgecolor": GRID,
-    "axes.labelcolor": INK,
-    "axes.linewidth": 1.0,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.color": GRID,
-    "grid.linewidth": 0.8,
-    "text.color": INK,
-    "xtick.color": FAINT,
-    "ytick.color": FAINT,
-    "axes.axisbelow": True,
-}
-
+Costs = list[tuple[Metric | Candidate, float]]  # row, cm/s
 Points = list[tuple[float, Interval, bool]]  # place, value, whether any walk fell
 
 
-def colour_of(method: str) -> str:
-    """Stand-in colour of a method."""
-    return COLOURS.get(method, COLOURS["other"])
+class Stroke(NamedTuple):
+    """Candidates that one line joins."""
 
-
-def draw(paint: Callable[[Axes], None], height: float = 3.3) -> str:
-    """Run `paint` on fresh axes and return the picture as an svg element."""
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(5.6, height), layout="constrained")
-        paint(figure.add_subplot())
-        file = io.StringIO()
-        empty = dict.fromkeys(("Creator", "Date", "Format", "Type"))
-        figure.savefig(file, format="svg", transparent=True, metadata=empty)
-    svg = file.getvalue()
-    svg = svg[svg.index("<svg") :]
-    svg = re.sub(r'\s(xmlns(:xlink)?|width|height)="[^"]*"', "", svg, count=4)
-    svg = re.sub(r'<g id="[^"]*"', "<g", svg)
-    svg = svg.replace("xlink:href", "href").replace("<metadata/>", "")
-    for stand_in, variable in STAND_INS.items():
-        svg = svg.replace(stand_in, f"var({variable})")
-    return svg
+    method: str
+    shift: float  # to the side, so that methods do not hide each other
+    rows: list[Candidate]
 
 
 class Axis:
@@ -98,34 +44,34 @@ class Axis:
         """Write the generations under the axis and mark where grounding was redone."""
         step = max(1, math.ceil(len(self.places) / 14))
         shown = list(self.places.items())[::step]
-        axes.set_xticks([place for _, place in shown], [str(key[1]) for key, _ in shown])
+        axes.set_xticks(
+            [place for _, place in shown], [str(key[1]) for key, _ in shown]
+        )
         axes.set_xlim(-0.5, max(len(self.places) - 0.5, 0.5))
         iterations = sorted({iteration for iteration, _ in self.places})
         for iteration in iterations[1:]:
             start = min(p for (i, _), p in self.places.items() if i == iteration)
             axes.axvline(start - 0.5, color=FAINT, linewidth=1, linestyle=":")
         axes.set_xlabel(
-            "generation" if len(iterations) < 2 else "generation, grounded anew at dots"
+            "generation" if len(iterations) < 2 else "generation (dots: grounded anew)"
         )
 
 
 def velocity_picture(summary: Summary, kind: str) -> str:
     """Velocity on the robot of the best or mean candidate per generation, cm/s."""
-    rows, axis = _candidates(summary, kind)
+    strokes, axis = _candidates(summary, kind)
 
     def paint(axes: Axes) -> None:
         _theta0_band(axes, summary)
-        for index, (method, own) in enumerate(rows):
+        for stroke in strokes:
             points: Points = []
-            for row in own:
-                place = axis.of(row) + _dodge(index, len(rows))
+            for row in stroke.rows:
+                place = axis.of(row) + stroke.shift
                 if row.velocity is not None:
                     points.append((place, row.velocity, row.falls > 0))
                 else:
-                    mark = {"marker": "x", "color": colour_of(method), "markersize": 6}
-                    across = axes.get_xaxis_transform()
-                    axes.plot(place, 0.03, transform=across, clip_on=False, **mark)
-            _line(axes, method, points)
+                    _cross_at_bottom(axes, place, stroke.method)
+            _line(axes, stroke.method, points)
         axis.label(axes)
         axes.set_ylim(*_velocity_limits(summary))
         axes.set_ylabel("velocity, cm/s")
@@ -135,17 +81,16 @@ def velocity_picture(summary: Summary, kind: str) -> str:
 
 def falls_picture(summary: Summary, kind: str) -> str:
     """Share of walks on the robot that fell per generation, per cent."""
-    rows, axis = _candidates(summary, kind)
+    strokes, axis = _candidates(summary, kind)
 
     def paint(axes: Axes) -> None:
-        for index, (method, own) in enumerate(rows):
+        for stroke in strokes:
             points: Points = []
-            for row in own:
+            for row in stroke.rows:
                 share = share_interval(row.falls, row.rollouts)
                 share = Interval(*(100.0 * end for end in share))
-                place = axis.of(row) + _dodge(index, len(rows))
-                points.append((place, share, row.falls > 0))
-            _line(axes, method, points)
+                points.append((axis.of(row) + stroke.shift, share, row.falls > 0))
+            _line(axes, stroke.method, points)
         axis.label(axes)
         axes.set_ylim(-4, 104)
         axes.set_ylabel("walks that fell, %")
@@ -153,54 +98,55 @@ def falls_picture(summary: Summary, kind: str) -> str:
     return draw(paint, height=2.6)
 
 
-def simulator_cost_picture(metrics: Sequence[Metric]) -> str:
-    """Cost per generation in each method's own simulator, cm/s."""
-    rows = [row for row in metrics if row.method != THETA0]
-    axis = Axis(rows)
-
-    def paint(axes: Axes) -> None:
-        worst = 0.0
-        for method in ordered(row.method for row in rows):
-            for kind in ("best", "mean"):
-                own = [r for r in rows if (r.method, r.candidate) == (method, kind)]
-                own = [row for row in own if math.isfinite(row.simulator_cost)]
-                own.sort(key=axis.of)
-                costs = [CM * row.simulator_cost for row in own]
-                worst = max([worst, *costs])
-                _plain_line(axes, method, kind, [axis.of(row) for row in own], costs)
-        _cost_axis(axes, worst)
-        axis.label(axes)
-
-    return draw(paint)
+def simulator_costs(metrics: Sequence[Metric]) -> Costs:
+    """Cost of every candidate in its method's own simulator, cm/s."""
+    return [
+        (row, CM * row.simulator_cost)
+        for row in metrics
+        if row.method != THETA0 and math.isfinite(row.simulator_cost)
+    ]
 
 
-def robot_cost_picture(summary: Summary, rollouts: Sequence[Rollout]) -> str:
-    """Cost per generation on the robot, cm/s, falls included."""
-    rows = [each for method in summary.methods for each in method.candidates]
-    axis = Axis(rows)
-    costs: dict[tuple, list[float]] = {}
+def robot_costs(summary: Summary, rollouts: Sequence[Rollout]) -> Costs:
+    """Mean cost of every candidate on the robot, cm/s, falls included."""
+    walks: dict[tuple, list[float]] = {}
     for row in rollouts:
         key = (row.method, row.iteration, row.generation, row.candidate)
         cost = CM * (FALL_COST * row.fell - row.velocity_m_s)
-        costs.setdefault(key, []).append(cost)
+        walks.setdefault(key, []).append(cost)
+    return [
+        (row, sum(walks[row[:4]]) / row.rollouts)
+        for method in summary.methods
+        for row in method.candidates
+    ]
+
+
+def cost_picture(costs: Costs) -> str:
+    """Cost per generation: best candidates solid, means of the search dashed."""
+    axis = Axis([row for row, _ in costs])
+    lines: dict[tuple[str, int, str], list[tuple[float, float]]] = {}
+    for row, cost in costs:
+        key = (row.method, row.iteration, row.candidate)
+        lines.setdefault(key, []).append((axis.of(row), cost))
 
     def paint(axes: Axes) -> None:
-        worst = 0.0
-        for method in ordered(row.method for row in rows):
-            for kind in ("best", "mean"):
-                own = [r for r in rows if (r.method, r.candidate) == (method, kind)]
-                own.sort(key=axis.of)
-                means = [mean_interval(costs[row[:4]]).mean for row in own]
-                worst = max([worst, *means])
-                _plain_line(axes, method, kind, [axis.of(row) for row in own], means)
-        _cost_axis(axes, worst)
+        for (method, _, kind), points in lines.items():
+            axes.plot(
+                *zip(*sorted(points), strict=True),
+                color=colour_of(method),
+                linestyle="-" if kind == "best" else (0, (3, 2)),
+                marker=MARKERS.get(method, "o"),
+                markersize=5 if kind == "best" else 3.5,
+                linewidth=1.6,
+            )
+        _cost_axis(axes, max(cost for _, cost in costs))
         axis.label(axes)
 
     return draw(paint)
 
 
 def prediction_picture(rows: Sequence[Prediction]) -> str:
-    """Prediction error per joint at one horizon, before and after grounding, degrees."""
+    """Prediction error per joint at one horizon in degrees, before and after."""
     joints = list(dict.fromkeys(row.joint for row in rows))
     methods = ordered(row.method for row in rows)
 
@@ -224,16 +170,29 @@ def prediction_picture(rows: Sequence[Prediction]) -> str:
     return draw(paint, height=0.9 + 0.3 * len(joints))
 
 
-def _candidates(
-    summary: Summary, kind: str
-) -> tuple[list[tuple[str, list[Candidate]]], Axis]:
-    rows = []
-    for method in summary.methods:
-        own = [each for each in method.candidates if each.candidate == kind]
-        if own:
-            rows.append((method.name, own))
+def _candidates(summary: Summary, kind: str) -> tuple[list[Stroke], Axis]:
+    """Candidates of one kind: a stroke for each method and iteration."""
     every = [each for method in summary.methods for each in method.candidates]
-    return rows, Axis(every)
+    methods = [method.name for method in summary.methods if method.candidates]
+    strokes: dict[tuple[str, int], Stroke] = {}
+    for row in every:
+        if row.candidate == kind:
+            shift = _dodge(methods.index(row.method), len(methods))
+            new = Stroke(row.method, shift, [])
+            strokes.setdefault((row.method, row.iteration), new).rows.append(row)
+    return list(strokes.values()), Axis(every)
+
+
+def _cross_at_bottom(axes: Axes, place: float, method: str) -> None:
+    axes.plot(
+        place,
+        0.03,
+        "x",
+        color=colour_of(method),
+        markersize=6,
+        transform=axes.get_xaxis_transform(),
+        clip_on=False,
+    )
 
 
 def _velocity_limits(summary: Summary) -> tuple[float, float]:
@@ -261,7 +220,9 @@ def _theta0_band(axes: Axes, summary: Summary) -> None:
     if velocity is None:
         return
     if velocity.known:
-        axes.axhspan(velocity.low, velocity.high, color=COLOURS[THETA0], alpha=0.25, lw=0)
+        axes.axhspan(
+            velocity.low, velocity.high, color=COLOURS[THETA0], alpha=0.25, lw=0
+        )
     axes.axhline(velocity.mean, color=COLOURS[THETA0], linewidth=1.4, linestyle="--")
 
 
@@ -285,20 +246,6 @@ def _line(axes: Axes, method: str, points: Points) -> None:
         )
 
 
-def _plain_line(
-    axes: Axes, method: str, kind: str, places: list[float], values: list[float]
-) -> None:
-    axes.plot(
-        places,
-        values,
-        color=colour_of(method),
-        linestyle="-" if kind == "best" else (0, (3, 2)),
-        marker=MARKERS.get(method, "o"),
-        markersize=5 if kind == "best" else 3.5,
-        linewidth=1.6,
-    )
-
-
 def _cost_axis(axes: Axes, worst: float) -> None:
     """Straight scale for speeds; logarithmic above 50, where only falls count."""
     axes.set_ylabel("cost, cm/s")
@@ -308,5 +255,7 @@ def _cost_axis(axes: Axes, worst: float) -> None:
     ticks = (-40, -20, 0, 20, 40, 150, 500, 1500)
     axes.yaxis.set_major_locator(FixedLocator(ticks))
     axes.yaxis.set_minor_locator(NullLocator())
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda tick, _: number(tick, 0)))
+    axes.yaxis.set_major_formatter(
+        FuncFormatter(lambda tick, _: number(float(tick), 0))
+    )
     axes.set_ylim(top=2000.0)

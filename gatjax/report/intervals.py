@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 DRAWS = 4000  # resamples; the ends of the interval then wobble by about 2 % of it
 SEED = 20170209  # any fixed number: the same folder must give the same page
 Z = 1.959964  # 97.5 % quantile of the normal distribution
+
+Samples: TypeAlias = Sequence[float] | np.ndarray  # [N], at least one
 
 
 class Interval(NamedTuple):
@@ -26,13 +28,13 @@ class Interval(NamedTuple):
         return math.isfinite(self.low) and math.isfinite(self.high)
 
 
-def resampled_means(samples: Sequence[float], draw: np.random.Generator) -> np.ndarray:
+def resampled_means(samples: Samples, draw: np.random.Generator) -> np.ndarray:
     """Means [DRAWS] of samples drawn again with replacement."""
     values = np.asarray(samples, dtype=float)
     return values[draw.integers(len(values), size=(DRAWS, len(values)))].mean(axis=1)
 
 
-def mean_interval(samples: Sequence[float]) -> Interval:
+def mean_interval(samples: Samples) -> Interval:
     """Mean of independent samples, percentile bootstrap."""
     mean = float(np.mean(samples))
     if len(samples) < 2:
@@ -40,7 +42,7 @@ def mean_interval(samples: Sequence[float]) -> Interval:
     return _percentiles(mean, resampled_means(samples, np.random.default_rng(SEED)))
 
 
-def difference_interval(after: Sequence[float], before: Sequence[float]) -> Interval:
+def difference_interval(after: Samples, before: Samples) -> Interval:
     """Mean of `after` minus mean of `before`, both resampled."""
     mean = float(np.mean(after) - np.mean(before))
     if min(len(after), len(before)) < 2:
@@ -50,7 +52,7 @@ def difference_interval(after: Sequence[float], before: Sequence[float]) -> Inte
     return _percentiles(mean, changes)
 
 
-def gain_interval(after: Sequence[float], before: Sequence[float]) -> Interval | None:
+def gain_interval(after: Samples, before: Samples) -> Interval | None:
     """Change of the mean in per cent of `before`; None where that makes no sense."""
     if np.mean(before) <= 0.0:
         return None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from gatjax.report import facts, sections
+from gatjax.report import facts, pictures, sections
 from gatjax.report.read import Run, read_run
 from gatjax.report.tables import Summary, summarise
 from gatjax.report.verdict import Verdict, judge
@@ -13,6 +13,7 @@ from gatjax.report.walks import Walk, choose, read_walks
 from gatjax.report.wording import escape
 
 HERE = Path(__file__).parent
+SCRIPTS = ("rays.js", "viewer.js")
 BADGES = {
     "better": "grounding beat no grounding",
     "safer": "grounding fell less, not faster",
@@ -63,7 +64,7 @@ def fastest(summary: Summary) -> str | None:
 def render(run: Run, summary: Summary, verdict: Verdict, walks: list[Walk]) -> str:
     """Put the page together."""
     style = (HERE / "style.css").read_text(encoding="utf-8")
-    script = (HERE / "viewer.js").read_text(encoding="utf-8")
+    scripts = [(HERE / name).read_text(encoding="utf-8") for name in SCRIPTS]
     robot = escape(run.robot.get("name", "unknown robot"))
     body = "".join(
         (
@@ -71,9 +72,9 @@ def render(run: Run, summary: Summary, verdict: Verdict, walks: list[Walk]) -> s
             missing(run.problems),
             sections.method_table(summary),
             sections.animation(walks),
-            sections.robot_pictures(summary),
-            sections.cost_pictures(run, summary),
-            sections.prediction_pictures(run),
+            pictures.robot_pictures(summary),
+            pictures.cost_pictures(run, summary),
+            pictures.prediction_pictures(run),
             facts.parameter_table(run, summary),
             facts.run_facts(run),
         )
@@ -84,7 +85,7 @@ def render(run: Run, summary: Summary, verdict: Verdict, walks: list[Walk]) -> s
         f"<title>gatjax: {escape(run.folder.resolve().name)}</title>"
         f"<style>\n{style}</style></head>\n<body><main>{body}"
         "<footer>Written by gatjax from the files of the run folder.</footer></main>\n"
-        f"<script>\n{script}</script></body></html>\n"
+        f"<script>\n{''.join(scripts)}</script></body></html>\n"
     )
 
 

@@ -173,7 +173,9 @@ def summarise_method(
     """Best candidate without a fall, its gain, and the falls of all candidates."""
     standing = [each for each in candidates if each.falls == 0]
     best = max(standing, key=_mean_velocity, default=None)
-    later = [each for each in candidates if each.generation > first[name, each.iteration]]
+    later = [
+        each for each in candidates if each.generation > first[name, each.iteration]
+    ]
     falls = None
     if later:
         falls = Falls(

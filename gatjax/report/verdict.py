@@ -42,9 +42,8 @@ def fastest_clause(summary: Summary) -> str:
     if not standing:
         return "Every learned walk fell on the robot at least once"
     ranked = sorted(standing, key=_speed, reverse=True)
-    first, best = ranked[0], ranked[0].best
-    assert best is not None and best.velocity is not None  # it never fell
-    speed = f"{number(best.velocity.mean)} cm/s"
+    first = ranked[0]
+    speed = f"{number(_speed(first))} cm/s"
     if summary.theta0 is None:
         against = "theta0 was not evaluated, so its gain is unknown"
     elif first.gain is None:

@@ -52,7 +52,7 @@ def read_walk(path: Path) -> Walk:
         ValueError: a wrong shape, an unknown body or no finite frame.
         KeyError: an array is missing.
     """
-    with np.load(path, allow_pickle=False) as file:
+    with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
         shape = np.char.lower(file["geom_type"].astype(str))
         drawn = np.isin(shape, SHAPES)
         position = np.asarray(file["body_position"], dtype=float)
@@ -120,7 +120,13 @@ def pack(walk: Walk) -> dict[str, Any]:
     length = np.linalg.norm(walk.quaternion, axis=-1, keepdims=True)
     quaternion = (walk.quaternion / np.maximum(length, 1e-9))[kept]
     geometry = zip(
-        walk.body, walk.shape, walk.size, walk.offset, walk.turn, walk.colour, strict=True
+        walk.body,
+        walk.shape,
+        walk.size,
+        walk.offset,
+        walk.turn,
+        walk.colour,
+        strict=True,
     )
     return {
         "name": walk.name,
@@ -129,7 +135,7 @@ def pack(walk: Walk) -> dict[str, Any]:
         "bodies": position.shape[1],
         "scale": scale,
         "position": _base64(position / scale),
-        "quaternion": _base64(quaternion * 32767),
+        "quaternion": _base64(quaternion * 30000),
         "follow": _base64(follow(time, position) / scale),
         "geometry": [
             {

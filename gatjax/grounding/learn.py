@@ -1,0 +1,175 @@
+"""Learn a grounding by name, put it into a world, keep it in a folder."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from gatjax.data.trajectories import JointRun
+from gatjax.effects.effect import Effect, memoryless
+from gatjax.grounding.envelope import Envelope, envelope_effect
+from gatjax.grounding.gat import (
+    Gat,
+    Guided,
+    gat_effect,
+    guided_effect,
+    learn_forward,
+    learn_inverse,
+)
+from gatjax.grounding.network import HIDDEN, Network
+from gatjax.records import JOINTS
+from gatjax.robot.nao import WALKING, WALKING_JOINTS
+from gatjax.sim.world import World, add_command
+
+Array = Any
+
+METHODS = ("none", "envelope", "guided", "gat")
+ALPHAS = (1.0, 0.95, 0.9, 0.85, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1, 0.0)
+
+
+class Grounding(NamedTuple):
+    """A learned command effect."""
+
+    method: str
+    params: Any
+    facts: dict[str, Any]  # how well its models fit
+
+
+def effect_of(method: str) -> Effect:
+    """Return the command effect of a method."""
+    check_method(method)
+    return {
+        "none": memoryless(lambda params, signal: signal),
+        "envelope": envelope_effect(),
+        "guided": guided_effect(WALKING),
+        "gat": gat_effect(WALKING),
+    }[method]
+
+
+def check_method(method: str) -> None:
+    """Raise if a method does not exist."""
+    if method not in METHODS:
+        raise ValueError(f"method {method!r} is unknown; choose from {list(METHODS)}")
+
+
+def learn(
+    method: str,
+    robot: Sequence[JointRun],
+    simulator: Sequence[JointRun],
+    step_error: Array,
+    seed: int,
+) -> Grounding:
+    """Learn a grounding from recordings of robot and simulator under the same policy.
+
+    Args:
+        method: one of METHODS.
+        robot: runs of the robot, angles [T, 13] of WALKING_JOINTS.
+        simulator: runs of the simulator.
+        step_error: [13] rad, RMS one-step error of the simulator on the robot's runs.
+        seed: of initial weights and splits.
+    """
+    check_method(method)
+    if method == "none":
+        return Grounding(method, (), {})
+    if method == "envelope":
+        deviation = np.zeros(len(JOINTS), np.float32)
+        deviation[WALKING] = step_error
+        degrees = np.rad2deg(step_error).tolist()
+        facts = {"deviation_deg": dict(zip(WALKING_JOINTS, degrees, strict=True))}
+        return Grounding(method, Envelope(np.float32(1.0), deviation), facts)
+    forward, forward_fit = learn_forward(robot, seed)
+    facts = {"forward": forward_fit._asdict()}
+    if method == "guided":
+        return Grounding(method, Guided(np.float32(1.0), forward), facts)
+    inverse, inverse_fit = learn_inverse(simulator, seed + 1)
+    facts["inverse"] = inverse_fit._asdict()
+    return Grounding(method, Gat(np.float32(1.0), forward, inverse), facts)
+
+
+def grounded(world: World, grounding: Grounding) -> World:
+    """Return the world with the grounding as its last command effect."""
+    return add_command(
+        world, "grounding", effect_of(grounding.method), grounding.params
+    )
+
+
+def with_alpha(grounding: Grounding, alpha: float) -> Grounding:
+    """Return the grounding with another share of the corrected action."""
+    if grounding.method == "none":
+        return grounding
+    params = grounding.params._replace(alpha=np.float32(alpha))
+    return grounding._replace(params=params, facts={**grounding.facts, "alpha": alpha})
+
+
+def largest_stable_alpha(
+    grounding: Grounding, falls: Callable[[Grounding], int]
+) -> Grounding:
+    """Choose alpha as the paper does: as high as the walk stays stable.
+
+    Args:
+        grounding: any grounding; `none` comes back as it is.
+        falls: counts the falls of the walk in the grounded simulator.
+    """
+    if grounding.method == "none":
+        return grounding
+    for alpha in ALPHAS:
+        candidate = with_alpha(grounding, alpha)
+        if falls(candidate) == 0:
+            return candidate
+    raise ValueError(
+        "the walk falls in the simulator even without grounding; check policy and model"
+    )
+
+
+def _template(method: str) -> Any:
+    if method == "none":
+        return ()
+    if method == "envelope":
+        return Envelope(np.float32(0.0), np.zeros(len(JOINTS)))
+    empty = np.zeros(0)
+    layers = (empty,) * (len(HIDDEN) + 1)
+    network = Network(empty, empty, empty, empty, empty, layers, layers)
+    alpha = np.float32(0.0)
+    return Gat(alpha, network, network) if method == "gat" else Guided(alpha, network)
+
+
+def write_grounding(folder: Path, grounding: Grounding) -> None:
+    """Write grounder.json and weights.npz."""
+    folder.mkdir(parents=True, exist_ok=True)
+    leaves = jax.tree_util.tree_flatten_with_path(grounding.params)[0]
+    arrays = {jax.tree_util.keystr(path): np.asarray(leaf) for path, leaf in leaves}
+    np.savez(folder / "weights.npz", allow_pickle=False, **arrays)
+    text = {
+        "schema": "gatjax.grounding/1",
+        "method": grounding.method,
+        "joints": list(WALKING_JOINTS),
+        **grounding.facts,
+    }
+    (folder / "grounder.json").write_text(json.dumps(text, indent=2) + "\n")
+
+
+def read_grounding(folder: Path) -> Grounding:
+    """Load what `write_grounding` wrote."""
+    try:
+        text = json.loads((folder / "grounder.json").read_text())
+        with np.load(folder / "weights.npz", allow_pickle=False) as file:
+            arrays = dict(file)
+    except (OSError, ValueError) as error:
+        raise ValueError(
+            f"{folder} holds no complete grounding ({error}); run `gatjax ground` again"
+        ) from error
+    method = text.pop("method")
+    check_method(method)
+    leaves, tree = jax.tree_util.tree_flatten_with_path(_template(method))
+    names = [jax.tree_util.keystr(path) for path, _ in leaves]
+    missing = sorted(set(names) - set(arrays))
+    if missing:
+        raise ValueError(f"{folder}/weights.npz lacks {missing[0]}; run it again")
+    params = jax.tree_util.tree_unflatten(tree, [arrays[name] for name in names])
+    facts = {k: v for k, v in text.items() if k not in ("schema", "joints")}
+    return Grounding(method, params, facts)

@@ -1,0 +1,117 @@
+"""How well a world predicts the robot: open-loop replay of held-out recordings."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gatjax.data.recording import Recording
+from gatjax.data.trajectories import to_arrays
+from gatjax.grounding.transitions import HISTORY
+from gatjax.records import JOINTS
+from gatjax.robot.nao import WALKING, WALKING_JOINTS
+from gatjax.sim.backend import Backend
+from gatjax.sim.episode import coupled
+from gatjax.sim.world import World
+
+Array = Any
+HORIZON = 0.5  # s
+WARM = HISTORY + 1  # samples that fill an effect's memory
+
+
+class Windows(NamedTuple):
+    """Pieces of recordings to be replayed."""
+
+    command: Array  # [W, T, J] rad
+    angle: Array  # [W, T, J] rad
+    qpos: Array  # [W, nq] physics state at the sample after the warm-up
+    qvel: Array  # [W, nv]
+
+
+def _spin(before: Array, after: Array, seconds: float) -> Array:
+    """Angular velocity [W, 3] rad/s in the body frame between two attitudes."""
+    w, v = before[:, :1], -before[:, 1:]  # conjugate
+    vector = w * after[:, 1:] + after[:, :1] * v + np.cross(v, after[:, 1:])
+    scalar = w[:, 0] * after[:, 0] - (v * after[:, 1:]).sum(-1)
+    return 2.0 * vector * np.sign(scalar)[:, None] / seconds
+
+
+def _state(world: World, angle: Array, base: Array, seconds: float) -> tuple:
+    """Physics state [W, nq], [W, nv] in the middle of three samples [W, 3, ...]."""
+    model = world.model
+    slots = model.jnt_qposadr[model.actuator_trnid[:, 0]]
+    dofs = model.jnt_dofadr[model.actuator_trnid[:, 0]]
+    qpos = np.zeros((len(angle), model.nq))
+    qvel = np.zeros((len(angle), model.nv))
+    qpos[:, :7] = base[:, 1]
+    qpos[:, slots] = angle[:, 1]
+    follower, leader = coupled(model)
+    qpos[:, follower] = qpos[:, leader]
+    qvel[:, :3] = (base[:, 2, :3] - base[:, 0, :3]) / (2.0 * seconds)
+    qvel[:, 3:6] = _spin(base[:, 0, 3:], base[:, 2, 3:], 2.0 * seconds)
+    qvel[:, dofs] = (angle[:, 2] - angle[:, 0]) / (2.0 * seconds)
+    coupled_dofs = model.jnt_dofadr[model.eq_obj1id], model.jnt_dofadr[model.eq_obj2id]
+    qvel[:, coupled_dofs[0]] = qvel[:, coupled_dofs[1]]
+    return qpos, qvel
+
+
+def cut(
+    world: World, recording: Recording, held_out: Array, count: int, seed: int
+) -> Windows:
+    """Draw windows of the warm-up plus 0.5 s from held-out trajectories.
+
+    Args:
+        world: whose model is replayed; its control period must be the recording's.
+        recording: of a floating-base robot, with `base.*` columns.
+        held_out: ids of trajectories that nothing was fitted to.
+        count: windows in all.
+        seed: of the draw.
+    """
+    seconds = world.task.control_period
+    length = WARM + round(HORIZON / seconds)
+    names = [f"base.{part}" for part in ("x", "y", "z", "qw", "qx", "qy", "qz")]
+    base = np.stack([recording.columns[name] for name in names], axis=-1)
+    generator = np.random.default_rng(seed)
+    runs = [
+        (run, base[recording.trajectory == run.trajectory])
+        for run in to_arrays(recording, JOINTS)
+        if run.trajectory in held_out and len(run.time) > length + 1
+    ]
+    if not runs:
+        raise ValueError("no held-out trajectory is long enough to test predictions on")
+    pieces = []
+    for number in range(count):
+        run, pose = runs[number % len(runs)]
+        first = generator.integers(0, len(run.time) - length)
+        now = first + WARM  # sample at which the physics starts
+        pieces.append(
+            (
+                run.command[first : first + length],
+                run.angle[first : first + length + 1],
+                run.angle[now - 1 : now + 2],
+                pose[now - 1 : now + 2],
+            )
+        )
+    command, angle, around, pose = (np.stack(part) for part in zip(*pieces, strict=True))
+    qpos, qvel = _state(world, around, pose, seconds)
+    return Windows(command, angle, qpos, qvel)
+
+
+def errors(backend: Backend, values: Any, windows: Windows, seconds: float) -> dict:
+    """RMS error of the walking joints at one step and at 0.5 s.
+
+    Returns:
+        {(joint, horizon in s): error in rad}.
+    """
+    warm = windows.angle[:, :WARM]
+    predicted = np.asarray(
+        backend.replay(values, windows.command, warm, windows.qpos, windows.qvel)
+    )
+    error = predicted - windows.angle[:, WARM + 1 :]
+    found = {}
+    for steps in (1, error.shape[1]):
+        rms = np.sqrt(np.mean(error[:, steps - 1] ** 2, axis=0))
+        for joint, index in zip(WALKING_JOINTS, WALKING, strict=True):
+            found[joint, round(steps * seconds, 6)] = float(rms[index])
+    return found

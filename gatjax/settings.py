@@ -1,0 +1,50 @@
+"""What a run of the loop is: one frozen value, which is also the command line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from gatjax.search import Settings
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopSettings:
+    """Collect, ground, search, evaluate: everything that shapes the numbers."""
+
+    robot: str = "dart"
+    """Robot that the simulator does not know: dart or stiff."""
+    body_seed: int = 0
+    """Which random body (masses, joint offsets, sensor gains) the robot has."""
+    methods: tuple[str, ...] = ("none", "envelope", "guided", "gat")
+    """Groundings to compare, in this order."""
+    iterations: int = 1
+    """Grounding iterations: re-ground on the best walk found and search again."""
+    robot_trajectories: int = 50
+    """Runs of the robot to learn from, each iteration."""
+    simulator_trajectories: int = 50
+    """Runs of the simulator to learn from, each iteration."""
+    evaluations: int = 5
+    """Runs on the robot for each candidate walk."""
+    search: Settings = field(default_factory=Settings)
+    """CMA-ES: population x rollouts x generations."""
+    rate_hz: float = 50.0
+    """Control rate: 50 (paper), 100 or 83.3."""
+    seed: int = 0
+    """Seed of everything random."""
+    backend: str = "auto"
+    """Search on: native (CPU threads), mjx (one compiled call), auto."""
+    impl: str = "jax"
+    """MJX implementation: jax, or warp on NVIDIA."""
+
+
+DEMO = LoopSettings(
+    robot_trajectories=30,
+    simulator_trajectories=30,
+    search=Settings(population=40, rollouts=4, generations=8),
+)
+"""Fits 2 cores in ten minutes."""
+
+PAPER = LoopSettings(evaluations=10)
+"""The paper's Table 1 on one body: 150 policies x 20 rollouts x 10 generations."""
+
+PRESETS = {"demo": DEMO, "paper": PAPER}

@@ -1,0 +1,75 @@
+"""Choose a backend once, as a value: the same three functions on batches."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from gatjax.records import Outcome, Trajectory
+from gatjax.sim.world import World
+
+Array = Any
+BACKENDS = ("native", "mjx")
+
+
+class Backend(NamedTuple):
+    """Runs of one world; the first argument of each function is the world's values."""
+
+    outcome: Callable[..., Outcome]  # (values, policies [B, 15], keys [B]) -> [B]
+    rollout: Callable[..., tuple[Trajectory, Outcome]]  # same, recorded
+    replay: Callable[..., Array]  # (values, commands, angles, qpos, qvel), all [B, ...]
+    compiled: bool  # True if outcome may be traced into a larger compiled function
+
+
+def prepare(world: World, backend: str = "native", impl: str = "jax") -> Backend:
+    """Return a world's runs on a backend.
+
+    Args:
+        world: what to simulate.
+        backend: "native" (CPU threads) or "mjx" (one compiled call).
+        impl: "jax" or "warp", for mjx.
+    """
+    if backend == "native":
+        from gatjax.sim.native import Native
+
+        native = Native(world)
+        return Backend(native.outcome, native.rollout, native.replay, False)
+    if backend == "mjx":
+        from gatjax.sim import mjx
+
+        mjx.use_compile_cache()
+        outcome = jax.vmap(mjx.outcome(world, impl), in_axes=(None, 0, 0))
+        rollout = jax.jit(jax.vmap(mjx.rollout(world, impl), in_axes=(None, 0, 0)))
+        replay = jax.jit(jax.vmap(mjx.replay(world, impl), in_axes=(None, 0, 0, 0, 0)))
+        return Backend(jax.jit(outcome), rollout, replay, True)
+    raise ValueError(f"backend {backend!r} is unknown; choose from {list(BACKENDS)}")
+
+
+def default_backend() -> str:
+    """Return mjx where there is an accelerator, native elsewhere."""
+    return "native" if jax.default_backend() == "cpu" else "mjx"
+
+
+def costs(backend: Backend) -> Callable[[Any, Array, Array], Array]:
+    """Return (values, policies [N, 15], keys [R]) -> costs [N, R].
+
+    Every policy meets the same R keys. On the compiled backend the function can be
+    traced; on the native one it runs on the host.
+    """
+
+    def evaluate(values: Any, policies: Array, keys: Array) -> Array:
+        return pairs(backend.outcome, values, policies, keys).cost
+
+    return evaluate
+
+
+def pairs(run: Callable, values: Any, policies: Array, keys: Array) -> Any:
+    """Run every policy [N, 15] with every key [R]; results [N, R, ...]."""
+    count, repeats = len(policies), len(keys)
+    each = policies.repeat(repeats, axis=0)
+    index = np.tile(np.arange(repeats), count)
+    result = run(values, each, keys[index])
+    return jax.tree.map(lambda x: x.reshape(count, repeats, *x.shape[1:]), result)

@@ -1,0 +1,328 @@
+"""The stand-in robot `dart`: a NAO in DART, the engine that Gazebo runs, at 1 ms.
+
+Built from the numbers of the nominal MuJoCo model, so there is one source of truth; the
+contact (rigid, LCP), dry friction (in the same LCP) and integrator are DART's own. What DART lacks is written here:
+
+- Rotor inertia is folded into the child link about the joint axis.
+- The servo runs at 1 ms, explicitly: one motor step is far below its time constants.
+- One motor for both hip-yaw-pitch joints: a stiff shaft between them (0.2 deg at 2 N m).
+- The uneven floor: below each of the eight sole spheres lies a small plate that follows
+  it and is the tangent plane of the height map there. A sphere of 5 mm on a grid of 30 mm
+  touches nothing else, so this is the height map's contact, not an approximation by
+  random steps.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections import deque
+from concurrent.futures import ProcessPoolExecutor
+from functools import lru_cache
+from multiprocessing import get_context
+
+import dartpy
+import mujoco
+import numpy as np
+
+from gatjax import task as tasks
+from gatjax.records import FORCE_SENSORS, JOINTS, Base, Outcome, Reading, Trajectory
+from gatjax.surrogate import course
+from gatjax.surrogate.e1 import E1, Body, draw_body, inertials, nominal, published
+from gatjax.surrogate.servo import COUPLED, encode, error, servo, torque
+from gatjax.surrogate.start import Floor, Run, draw_floor, draw_run, first_state
+from gatjax.task import Task
+
+STEP = 0.001  # s, physics and servo
+SHAFT_STIFFNESS, SHAFT_DAMPING = 500.0, 0.5  # N m/rad, N m s/rad, between the hips
+PLATE = 0.02  # m, side of the plates under the sole corners
+FEET = ("LFoot", "RFoot")
+
+
+def _frame(position: np.ndarray, quaternion: np.ndarray) -> dartpy.math.Isometry3:
+    matrix = np.zeros(9)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return dartpy.math.Isometry3(matrix.reshape(3, 3), position)
+
+
+def skeleton(body: Body) -> dartpy.dynamics.Skeleton:
+    """Build a drawn robot; joints and links carry their names in the nominal model."""
+    model, weights = nominal(), inertials(body)
+    robot = dartpy.dynamics.Skeleton("nao")
+    nodes = {}
+    for link in range(1, model.nbody):
+        inertia = weights.inertia[link - 1].copy()
+        parent = model.body_parentid[link]
+        if parent == 0:
+            joint, node = robot.createFreeJointAndBodyNodePair()
+        else:
+            joint, node = robot.createRevoluteJointAndBodyNodePair(nodes[parent])
+            slot = model.body_jntadr[link]
+            axis = model.jnt_axis[slot]
+            joint.setName(model.joint(slot).name)
+            joint.setAxis(axis)
+            frame = _frame(model.body_pos[link], model.body_quat[link])
+            joint.setTransformFromParentBodyNode(frame)
+            rotor = model.dof_armature[model.jnt_dofadr[slot]]
+            inertia += rotor * np.outer(axis, axis)
+        node.setName(model.body(link).name)
+        mass, centre = weights.mass[link - 1], weights.centre[link - 1]
+        node.setInertia(dartpy.dynamics.Inertia(mass, centre, inertia))
+        nodes[link] = node
+    return robot
+
+
+def _solid(node: dartpy.dynamics.BodyNode, shape: dartpy.dynamics.Shape, place) -> None:
+    """Give a link a shape that touches things, `place` [3] m in the link's frame."""
+    part = node.createShapeNode(shape)
+    part.createCollisionAspect()
+    part.createDynamicsAspect().setFrictionCoeff(E1.floor_friction)
+    part.setRelativeTranslation(place)
+
+
+def plates() -> dartpy.dynamics.Skeleton:
+    """Build the eight pieces of floor, one for each sole corner, top at their origin."""
+    ground = dartpy.dynamics.Skeleton("floor")
+    for _ in FORCE_SENSORS:
+        _, node = ground.createFreeJointAndBodyNodePair()
+        _solid(node, dartpy.dynamics.BoxShape([PLATE] * 3), [0.0, 0.0, -0.5 * PLATE])
+    ground.setMobile(False)
+    return ground
+
+
+class Nao:
+    """One robot on its floor; a `course.Machine` with N = 1."""
+
+    def __init__(
+        self, body: Body, floor: Floor, run: Run, pose: np.ndarray, task: Task
+    ) -> None:
+        """Put a robot down with joint angles `pose` [J] rad."""
+        model = nominal()
+        self.body, self.floor, self.patch = body, floor, run.patch
+        self.substeps = round(task.control_period / STEP)
+        self.robot, self.ground = skeleton(body), plates()
+        self.torso = self.robot.getBodyNode("torso")
+        self.feet = [self.robot.getBodyNode(name) for name in FEET]
+        geoms = [model.geom(name).id for name in FORCE_SENSORS]
+        self.corners = model.geom_pos[geoms].reshape(2, 4, 3)
+        radius = float(model.geom_size[geoms[0], 0])
+        for foot, corners in zip(self.feet, self.corners, strict=True):
+            for corner in corners:
+                _solid(foot, dartpy.dynamics.SphereShape(radius), corner)
+        self._wire(model)
+        self.world = dartpy.simulation.World()
+        self.world.setTimeStep(STEP)
+        self.world.setGravity(model.opt.gravity)
+        self.world.setCollisionDetector(dartpy.collision.DARTCollisionDetector())
+        self.world.addSkeleton(self.robot)
+        self.world.addSkeleton(self.ground)
+        self._place(*first_state(pose, run, floor))
+        self._prepare(pose)
+
+    def _wire(self, model: mujoco.MjModel) -> None:
+        """Find the joints in DART's vectors, by name, and the motors' numbers."""
+        count = self.robot.getNumDofs()
+        names = [self.robot.getDof(index).getName() for index in range(count)]
+        self.slots = np.array([names.index(name) for name in JOINTS])
+        self.twin = names.index("RHipYawPitch")
+        self.motors = servo(E1)
+        for name in names[6:]:
+            motor = JOINTS.index(name.replace("RHipYawPitch", "LHipYawPitch"))
+            sides = 2 if motor == COUPLED else 1  # one motor, friction on both sides
+            self.robot.getJoint(name).setCoulombFriction(
+                0, self.motors.friction[motor] / sides
+            )
+        self.from_model = np.array([model.joint(name).qposadr[0] for name in names[6:]])
+        self.imu = model.site("imu").pos
+
+    def _place(self, qpos: np.ndarray, qvel: np.ndarray) -> None:
+        """Set DART's state: rotation before position, both in the torso's axes."""
+        position = np.zeros(self.robot.getNumDofs())
+        velocity = np.zeros_like(position)
+        position[3:6] = qpos[:3]
+        position[6:] = qpos[self.from_model]
+        velocity[:3], velocity[3:6] = qvel[3:6], qvel[:3]
+        self.robot.setPositions(position)
+        self.robot.setVelocities(velocity)
+
+    def _prepare(self, pose: np.ndarray) -> None:
+        """Fill the delay lines with the first pose and the first reading."""
+        self.step = 0
+        self.late = round(E1.command_delay / STEP)
+        self.lag = round(E1.sensor_delay / STEP)
+        self.queue: deque = deque()
+        self.target = pose
+        self.spheres = np.zeros((8, 3))
+        self.seen: deque = deque([(-self.lag, self._look())])
+
+    def _look(self) -> Reading:
+        """Return what the sensors feel now, without errors."""
+        angle = self.robot.getPositions()[self.slots]
+        turn = self.torso.getWorldTransform().rotation().T
+        frame = dartpy.dynamics.Frame.World()
+        pull = self.torso.getLinearAcceleration(self.imu, frame, frame)
+        return Reading(
+            angle=angle,
+            gyro=turn @ self.torso.getAngularVelocity(),
+            accelerometer=turn @ (pull - self.world.getGravity()),
+            force=self._forces(),
+        )
+
+    def _forces(self) -> np.ndarray:
+        """Forces on the eight sole corners, N, along the floor's normal."""
+        force = np.zeros(8)
+        for contact in self.world.getLastCollisionResult().getContacts():
+            near = np.argmin(((self.spheres - contact.point) ** 2).sum(-1))
+            force[near] += abs(contact.force @ contact.normal)
+        return force
+
+    def sense(self) -> Reading:
+        """Return what was true one sensor delay ago; see `course.Machine`."""
+        due = self.step - self.lag
+        while len(self.seen) > 1 and self.seen[1][0] <= due:
+            self.seen.popleft()
+        return Reading(*(field[None] for field in self.seen[0][1]))
+
+    def base(self) -> Base:
+        """Return where the torso is; see `course.Machine`."""
+        frame = self.torso.getWorldTransform()
+        quaternion = np.zeros(4)
+        mujoco.mju_mat2Quat(quaternion, frame.rotation().ravel())
+        position = frame.translation().copy()
+        position[:2] -= self.patch
+        return Base(position[None], quaternion[None])
+
+    def advance(self, target: np.ndarray, alive: np.ndarray) -> None:
+        """Run for one control tick; see `course.Machine`."""
+        self.queue.append((self.step + self.late, target[0]))
+        for _ in range(self.substeps):
+            self._substep()
+            if (self.step + self.lag) % self.substeps == 0:
+                self.seen.append((self.step, self._look()))
+
+    def _substep(self) -> None:
+        while self.queue and self.queue[0][0] <= self.step:
+            self.target = self.queue.popleft()[1]
+        position = self.robot.getPositions()
+        velocity = self.robot.getVelocities()
+        angle, speed = position[self.slots], velocity[self.slots]
+        seen = error(E1, self.target, encode(E1, angle, self.body.offset))
+        force = np.zeros(position.shape)
+        force[self.slots] = torque(self.motors, seen, speed)
+        left, twin = self.slots[COUPLED], self.twin
+        shaft = SHAFT_STIFFNESS * (position[left] - position[twin])
+        shaft += SHAFT_DAMPING * (velocity[left] - velocity[twin])
+        force[left] -= shaft
+        force[twin] += shaft
+        self.robot.setForces(force)
+        self._lay_plates()
+        self.world.step()
+        self.step += 1
+
+    def _lay_plates(self) -> None:
+        """Move each plate under its sole corner, tangent to the floor."""
+        for foot, corners, spheres in zip(
+            self.feet, self.corners, (self.spheres[:4], self.spheres[4:]), strict=True
+        ):
+            frame = foot.getWorldTransform()
+            spheres[:] = corners @ frame.rotation().T + frame.translation()
+        place = np.zeros((8, 6))  # rotation vector, position
+        place[:, 3:5] = self.spheres[:, :2]
+        place[:, 5], slope = self.floor.at(self.spheres[:, :2])
+        place[:, 0], place[:, 1] = slope[:, 1], -slope[:, 0]
+        self.ground.setPositions(place.ravel())
+
+
+@lru_cache(maxsize=4)
+def _series(body_seed: int) -> tuple[Body, Floor]:
+    body = draw_body(body_seed)
+    return body, draw_floor(body, E1)
+
+
+def walk_one(
+    body_seed: int, policy: np.ndarray, seed: int, task: Task
+) -> tuple[Trajectory, Outcome]:
+    """Let one robot walk: policy [15]; records with a leading axis of 1."""
+    body, floor = _series(body_seed)
+    run = draw_run(body, seed, task, E1)
+    machine = Nao(body, floor, run, tasks.pose(policy), task)
+    return course.walk(machine, E1, body, [run], policy[None], task)
+
+
+def _leave_interrupts_to_the_parent() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+class Dart:
+    """The robot `dart`: one body of the series; see `gatjax.surrogate.make_robot`."""
+
+    name = "dart"
+
+    def __init__(self, body_seed: int, workers: int | None = None) -> None:
+        """Choose a body; `workers` processes (default: all cores) share the runs."""
+        self.body_seed = body_seed
+        self.workers = workers or os.cpu_count() or 1
+        self._pool: ProcessPoolExecutor | None = None
+
+    def constants(self) -> dict:
+        """Return what `robot.json` says about this robot."""
+        return published("DART, 1 ms", draw_body(self.body_seed))
+
+    def walk(
+        self, policies: np.ndarray, seeds: np.ndarray, task: Task | None = None
+    ) -> tuple[Trajectory, Outcome]:
+        """Let N robots walk.
+
+        Args:
+            policies: [N, 15] walk parameters.
+            seeds: [N] int, one per run.
+            task: the task; by default `Task()`.
+
+        Returns:
+            Trajectory [N, T, ...] and Outcome [N]; they do not depend on the number of
+            workers.
+        """
+        task = task or Task()
+        jobs = [
+            (self.body_seed, policy, int(seed), task)
+            for policy, seed in zip(policies, seeds, strict=True)
+        ]
+        if min(self.workers, len(jobs)) == 1:
+            return _join([walk_one(*job) for job in jobs])
+        try:
+            return _join(list(self._workers().map(walk_one, *zip(*jobs, strict=True))))
+        except BaseException:
+            self.close()
+            raise
+
+    def _workers(self) -> ProcessPoolExecutor:
+        """Return the worker processes; they start once and serve all later walks."""
+        if self._pool is None:
+            self._pool = ProcessPoolExecutor(
+                self.workers,
+                mp_context=get_context("spawn"),
+                initializer=_leave_interrupts_to_the_parent,
+            )
+        return self._pool
+
+    def close(self) -> None:
+        """End the worker processes; runs that wait are dropped."""
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, cancel_futures=True)
+            self._pool = None
+
+
+def _join(results: list[tuple[Trajectory, Outcome]]) -> tuple[Trajectory, Outcome]:
+    """Put runs with a leading axis of 1 together."""
+    walks, verdicts = zip(*results, strict=True)
+
+    def fields(records: tuple) -> list[np.ndarray]:
+        return [np.concatenate(field) for field in zip(*records, strict=True)]
+
+    readings = Reading(*fields(tuple(walk.reading for walk in walks)))
+    bases = Base(*fields(tuple(walk.base for walk in walks)))
+    time, command, alive = (
+        np.concatenate([getattr(walk, name) for walk in walks])
+        for name in ("time", "command", "alive")
+    )
+    return Trajectory(time, command, readings, bases, alive), Outcome(*fields(verdicts))
