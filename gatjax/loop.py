@@ -25,6 +25,7 @@ from gatjax.records import Outcome, Trajectory
 from gatjax.robot.nao import WALKING_JOINTS
 from gatjax.settings import LoopSettings
 from gatjax.sim.backend import Backend, costs, default_backend, pairs, prepare
+from gatjax.sim.poses import write_walk
 from gatjax.sim.world import World, nominal, write_world
 from gatjax.task import Task, task_at
 from gatjax.walk.parameters import HIGH, LOW, STEP, THETA0
@@ -105,10 +106,12 @@ def run(
     runs.write_json(folder / "robot.json", {"name": robot.name, **robot.constants()})
     runs.write_policy(folder / "policies", "theta0", THETA0, {"by": "hand-tuned walk"})
     evaluate(setting, [Candidate("theta0", 0, 0, "best", THETA0)], 2)
+    show(setting, "theta0_robot", THETA0, "theta0, robot")
     for method in settings.methods:
         theta = THETA0
         for iteration in range(settings.iterations):
             theta = improve(setting, method, iteration, theta)
+        show(setting, f"{method}_best_robot", theta, f"best walk of {method}, robot")
 
 
 def improve(setting: Setting, method: str, iteration: int, theta: Array) -> Array:
@@ -380,6 +383,15 @@ def best_on_robot(setting: Setting, candidates: list[Candidate], theta: Array) -
         return theta
     speed = [rows[tuple(c.key.values())]["robot_velocity_m_s"] for c in steady]
     return steady[int(np.argmax(speed))].policy
+
+
+def show(setting: Setting, name: str, theta: Array, label: str) -> None:
+    """Keep one walk on the robot for the animation, once."""
+    path = setting.folder / "walks" / f"{name}.npz"
+    if not path.exists():
+        walk, _ = setting.robot.walk(theta[None], [EVALUATION_SEED], setting.task)
+        first = jax.tree.map(lambda leaf: np.asarray(leaf)[0], walk)
+        write_walk(path, setting.world.model, first, label)
 
 
 def finished(settings: LoopSettings) -> LoopSettings:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 from gatjax.report import facts, pictures, sections
@@ -11,6 +10,7 @@ from gatjax.report.tables import Summary, summarise
 from gatjax.report.verdict import Verdict, judge
 from gatjax.report.walks import Walk, choose, read_walks
 from gatjax.report.wording import escape
+from gatjax.runs import write_whole
 
 HERE = Path(__file__).parent
 SCRIPTS = ("rays.js", "viewer.js")
@@ -35,19 +35,15 @@ def build_report(folder: Path) -> Path:
 
     Raises:
         FileNotFoundError: `folder` is not a folder.
-        OSError: the page cannot be written.
+        OSError: the page cannot be written; the old one is still there.
     """
     folder = Path(folder)
     run = read_run(folder)
     summary = summarise(run)
     walks = read_walks(folder, run.problems)
     page = render(run, summary, judge(summary), choose(walks, fastest(summary)))
-    path, part = folder / "report.html", folder / "report.html.part"
-    try:
-        part.write_text(page, encoding="utf-8")
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
+    path = folder / "report.html"
+    write_whole({path: page.encode("utf-8")})
     return path
 
 

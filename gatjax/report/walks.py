@@ -135,7 +135,7 @@ def pack(walk: Walk) -> dict[str, Any]:
         "bodies": position.shape[1],
         "scale": scale,
         "position": _base64(position / scale),
-        "quaternion": _base64(quaternion * 30000),
+        "quaternion": _base64(quaternion * 32767),
         "follow": _base64(follow(time, position) / scale),
         "geometry": [
             {

@@ -1,0 +1,179 @@
+"""The command line: one verb, one frozen dataclass, one function."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+
+from gatjax.settings import DEMO, PRESETS, LoopSettings
+
+STOPPED = 130  # exit code of Ctrl-C
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """Collect, ground, search, evaluate and report: the main job."""
+
+    preset: Literal["demo", "paper"] = "demo"
+    """demo: 2 cores, ten minutes. paper: 150 policies x 20 rollouts x 10 generations."""
+    loop: tyro.conf.OmitArgPrefixes[LoopSettings] = field(default_factory=lambda: DEMO)
+    out: Path = Path("runs")
+    """Folder of run folders."""
+    resume: bool = False
+    """Go on with the latest run in `out`, with its own settings."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Collect:
+    """Record walks of a robot into one Parquet file."""
+
+    out: Path
+    """Parquet or CSV file to write."""
+    robot: Literal["simulator", "dart", "stiff"] = "dart"
+    policy: Path | None = None
+    """Policy JSON; the hand-tuned walk (theta0) if left out."""
+    trajectories: int = 15
+    world: Path | None = None
+    """world.json, for --robot simulator."""
+    body_seed: int = 0
+    rate_hz: float = 50.0
+    seed: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ground:
+    """Learn a grounding from recordings of robot and simulator."""
+
+    robot_log: Path
+    """Recording of the robot."""
+    simulator_log: Path
+    """Recording of the simulator, same policy (gatjax collect --robot simulator)."""
+    out: Path
+    """Folder to write; its world.json is a simulation for every verb."""
+    method: Literal["envelope", "guided", "gat"] = "gat"
+    policy: Path | None = None
+    """Policy of the recordings, for choosing alpha; theta0 if left out."""
+    map: Path | None = None
+    """YAML map of the robot log's column names, units and signs."""
+    rate_hz: float = 50.0
+    seed: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Search:
+    """Search for a faster walk in one world."""
+
+    out: Path
+    """Folder for policies and checkpoints; an existing search in it goes on."""
+    world: Path | None = None
+    """world.json; the ideal simulator if left out."""
+    policy: Path | None = None
+    """Policy to start from; theta0 if left out."""
+    population: int = 40
+    rollouts: int = 4
+    generations: int = 8
+    backend: Literal["auto", "native", "mjx"] = "auto"
+    impl: Literal["jax", "warp"] = "jax"
+    rate_hz: float = 50.0
+    seed: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluate:
+    """Walk policies on a robot and print speed and falls."""
+
+    policies: tuple[Path, ...] = ()
+    """Policy JSON files; theta0 if none."""
+    robot: Literal["simulator", "dart", "stiff"] = "dart"
+    world: Path | None = None
+    """world.json, for --robot simulator."""
+    runs: int = 10
+    body_seed: int = 0
+    forward: float = 0.75
+    """Forward request, a share of max_forward."""
+    rate_hz: float = 50.0
+    seed: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class View:
+    """Show one walk: an html animation, or a live window."""
+
+    out: Path = Path("walk.html")
+    """html file to write."""
+    policy: Path | None = None
+    robot: Literal["simulator", "dart", "stiff"] = "simulator"
+    world: Path | None = None
+    live: bool = False
+    """Open MuJoCo's window instead of writing html."""
+    body_seed: int = 0
+    rate_hz: float = 50.0
+    seed: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Report:
+    """Write report.html of a run folder."""
+
+    run: Path | None = None
+    """Run folder; the latest in `runs` if left out."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bench:
+    """Measure steps/s of each backend beside a bare stepping loop of the same engine."""
+
+    worlds: int = 256
+    seconds: float = 2.0
+    """Simulated time of each run."""
+    json: Path | None = None
+    """Also write the table to this file."""
+    backends: tuple[Literal["native", "mjx-jax", "mjx-warp"], ...] = ("native", "mjx-jax")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Doctor:
+    """Check this installation: versions, devices, engines, and a short walk."""
+
+
+VERBS: dict[str, tuple[type, str]] = {
+    "run": (Run, "run"),
+    "collect": (Collect, "collect"),
+    "ground": (Ground, "ground"),
+    "search": (Search, "search"),
+    "evaluate": (Evaluate, "evaluate"),
+    "view": (View, "view"),
+    "report": (Report, "report"),
+    "bench": (Bench, "bench"),
+    "doctor": (Doctor, "doctor"),
+}
+
+
+def parse(arguments: list[str]) -> Any:
+    """Read the command line into the verb's dataclass; presets set `run`'s defaults."""
+    words = [word for word in arguments if not word.startswith("-")]
+    names = {name: kind for name, (kind, _) in VERBS.items()}
+    if "--preset" in arguments:
+        chosen = arguments[arguments.index("--preset") + 1 :][:1]
+    else:
+        chosen = [a.partition("=")[2] for a in arguments if a.startswith("--preset=")]
+    preset = PRESETS.get(chosen[0] if chosen else "demo", DEMO)
+    run = Run(preset=chosen[0] if chosen else "demo", loop=preset)  # type: ignore[arg-type]
+    del words
+    kinds = [
+        Annotated[
+            kind,
+            tyro.conf.subcommand(
+                name, default=run if kind is Run else tyro.MISSING_NONPROP
+            ),
+        ]
+        for name, kind in names.items()
+    ]
+    union: Any = kinds[0]
+    for kind in kinds[1:]:
+        union = union | kind
+    return tyro.cli(union, args=arguments, prog="gatjax", description=__doc__)

@@ -1,0 +1,55 @@
+"""Progress of long work on a terminal, or as plain lines in a log."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rich.progress import (
+    BarColumn,
+    Progress,
+    TaskProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from gatjax.loop import Progress as Teller
+
+
+@contextmanager
+def shown(total: float) -> Iterator[Teller]:
+    """Show progress over `total` work units, with the time left."""
+    if sys.stderr.isatty():
+        columns = (
+            TextColumn("{task.description:<34}"), BarColumn(), TaskProgressColumn(),
+            TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn(),
+        )  # fmt: skip
+        with Progress(*columns) as bar:
+            task = bar.add_task("", total=total)
+            yield Teller(
+                stage=lambda text: bar.update(task, description=text),
+                work=lambda units: bar.advance(task, units),
+            )
+        return
+    with _plain(total) as teller:
+        yield teller
+
+
+@contextmanager
+def _plain(total: float) -> Iterator[Teller]:
+    begun, done = time.monotonic(), 0.0
+
+    def stage(text: str) -> None:
+        passed = time.monotonic() - begun
+        left = passed * (total - done) / done if done else float("nan")
+        ahead = f", about {left / 60:.1f} min left" if done else ""
+        print(f"[{passed:5.0f} s, {done / total:4.0%}{ahead}] {text}", file=sys.stderr)
+
+    def work(units: float) -> None:
+        nonlocal done
+        done = min(total, done + units)
+
+    yield Teller(stage, work)
