@@ -1,19 +1,22 @@
 """Checkpoints of any tree of arrays: orbax, one folder per step, checked before use.
 
-`<folder>/<step>/` is written by orbax, which renames it into place when it is whole; then
-`files.json` with the SHA-256 of every file is added. A step counts only once it has that
-list, so a save that was stopped half-way never hides the step before it. The list is
-checked before reading, because orbax 0.12 returns wrong numbers without a word when a
-stored byte changed.
+`<folder>/<step>/` is written by orbax, which renames it into place when it is whole;
+then `files.json` with the SHA-256 of every file is added. A step counts only once it
+has that list, so a save that was stopped half-way never hides the step before it. The
+list is checked before reading, because orbax 0.12 returns wrong numbers without a word
+when a stored byte changed.
 """
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
+import logging
 import os
 import pathlib
 import shutil
+from collections.abc import Iterator
 from typing import Any
 
 import jax
@@ -48,7 +51,7 @@ def save(folder: str | os.PathLike[str], step: int, tree: Any) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         shutil.rmtree(place, ignore_errors=True)  # the rest of a save that was stopped
-        with orbax.Checkpointer(orbax.StandardCheckpointHandler()) as checkpointer:
+        with _without_tracebacks(), _checkpointer() as checkpointer:
             checkpointer.save(place, args=orbax.args.StandardSave(_leaves(tree)))
         listing = place / f"{FILES}.part"
         listing.write_text(json.dumps(_digests(place), indent=1), encoding="utf-8")
@@ -56,7 +59,7 @@ def save(folder: str | os.PathLike[str], step: int, tree: Any) -> None:
     except (OSError, ValueError) as error:
         raise ValueError(
             f"checkpoint step {step} could not be written to {folder} "
-            f"({_first_line(error)}); make room or choose another folder, then resume: "
+            f"({_reason(error)}); make room or choose another folder, then resume: "
             f"complete steps are {_steps(folder)}"
         ) from error
 
@@ -96,28 +99,44 @@ def restore(
     step = found[-1] if step is None else step
     if step not in found:
         raise FileNotFoundError(
-            f"no complete checkpoint step {step} in {folder}; complete steps are {found}"
+            f"no complete checkpoint step {step} in {folder}; choose one of {found}"
         )
     place = folder / str(step)
     _check_files(place, found)
     _check_template(place, template)
     try:
-        with orbax.Checkpointer(orbax.StandardCheckpointHandler()) as checkpointer:
+        with _without_tracebacks(), _checkpointer() as checkpointer:
             stored = checkpointer.restore(
                 place, args=orbax.args.StandardRestore(_leaves(template))
             )
     except (OSError, ValueError, KeyError) as error:
-        raise ValueError(_damaged(place, found, _first_line(error))) from error
+        raise ValueError(_damaged(place, found, _reason(error))) from error
     flat, structure = jax.tree_util.tree_flatten_with_path(template)
     return jax.tree.unflatten(
         structure, [_like(leaf, stored[_name(path)]) for path, leaf in flat]
     )
 
 
+def _checkpointer() -> orbax.Checkpointer:
+    return orbax.Checkpointer(orbax.StandardCheckpointHandler())
+
+
+@contextlib.contextmanager
+def _without_tracebacks() -> Iterator[None]:
+    """Keep orbax's threads from printing the error that is raised anyway."""
+    logger = logging.getLogger("absl")
+    level = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
+
+
 def _steps(folder: pathlib.Path) -> list[int]:
     """The complete steps of a folder, rising; empty if there is no such folder."""
-    lists = folder.glob(f"*/{FILES}")
-    return sorted(int(file.parent.name) for file in lists if file.parent.name.isdecimal())
+    names = [file.parent.name for file in folder.glob(f"*/{FILES}")]
+    return sorted(int(name) for name in names if name.isdecimal())
 
 
 def _leaves(tree: Any) -> dict[str, np.ndarray]:
@@ -138,7 +157,8 @@ def _like(leaf: Any, stored: np.ndarray) -> Any:
 
 
 def _is_key(leaf: Any) -> bool:
-    return isinstance(leaf, jax.Array) and jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)
+    kind = getattr(leaf, "dtype", None)
+    return kind is not None and jnp.issubdtype(kind, jax.dtypes.prng_key)
 
 
 def _name(path: tuple[Any, ...]) -> str:
@@ -148,10 +168,14 @@ def _name(path: tuple[Any, ...]) -> str:
 def _digests(place: pathlib.Path) -> dict[str, str]:
     files = sorted(file for file in place.rglob("*") if file.is_file())
     return {
-        file.relative_to(place).as_posix(): hashlib.sha256(file.read_bytes()).hexdigest()
+        file.relative_to(place).as_posix(): _digest(file)
         for file in files
         if not file.name.startswith(FILES)
     }
+
+
+def _digest(file: pathlib.Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 def _check_files(place: pathlib.Path, found: list[int]) -> None:
@@ -166,7 +190,7 @@ def _check_files(place: pathlib.Path, found: list[int]) -> None:
 
 
 def _check_template(place: pathlib.Path, template: Any) -> None:
-    with orbax.Checkpointer(orbax.StandardCheckpointHandler()) as checkpointer:
+    with _checkpointer() as checkpointer:
         stored = checkpointer.metadata(place).item_metadata
     wanted = {name: (a.shape, str(a.dtype)) for name, a in _leaves(template).items()}
     there = {name: (tuple(a.shape), str(a.dtype)) for name, a in dict(stored).items()}
@@ -185,5 +209,7 @@ def _damaged(place: pathlib.Path, found: list[int], why: str) -> str:
     return f"checkpoint {place} is damaged ({why}); delete that folder to {then}"
 
 
-def _first_line(error: BaseException) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0][:200]
+def _reason(error: BaseException) -> str:
+    """What went wrong in one line, without the list of layers it went through."""
+    first = (str(error).splitlines() or [type(error).__name__])[0]
+    return first.rsplit('": ', 1)[-1]

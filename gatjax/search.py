@@ -3,39 +3,39 @@
 The search works in z = (policy - theta0) / step, so one sigma suits parameters of all
 sizes. Nothing but this file knows evosax. Cost is minimised.
 
-What is different from `evosax.algorithms.CMA_ES` 0.3.2 (the tests hold all of it against
-the equations of Hansen's tutorial, arXiv:1604.00772, and against the `cma` package):
+What is different from `evosax.algorithms.CMA_ES` 0.3.2; the tests hold it against the
+equations of Hansen's tutorial (arXiv:1604.00772) and against the `cma` package:
 
-- The stall test of the rank-one update counts generations as Hansen and `cma` do. evosax
-  adds one twice (caller and callee), which makes the test laxer in the first generations.
-- Ties are broken by order, as in `cma`. evosax gives tied candidates the weight of their
-  mean rank; then the weights no longer sum to what the update of C assumes, and sigma and
-  C shrink on a plateau.
+- The stall test of the rank-one update counts generations as Hansen and `cma` do.
+  evosax adds one twice (caller and callee): its test is laxer in early generations.
+- Ties are broken by order, as in `cma`. evosax gives tied candidates the weight of
+  their mean rank; then the weights do not sum to what the update of C assumes, and
+  sigma and C shrink on a plateau.
 - sigma is capped after every `tell`. In the walk prototype it went from 0.5 to 5 in ten
   generations: a long drift, then directions that are flat beyond the bounds.
-- A policy with a rollout whose cost is not finite ranks behind all policies without one.
+- A policy with a rollout whose cost is not finite ranks behind all that have none.
 
 Candidates are clipped to the bounds before they are evaluated, but z is told as it was
-sampled. Measured on 15 parameters (two with the optimum at a bound, three quadratic, ten
-flat; median of 8 seeds; `gap` is what the mean policy leaves of the way to the optimum
-after 10 generations of 150, cost noise 0, 0.01 and 0.05 on a range of 0.29):
+sampled. Measured on 15 parameters (two with the optimum at a bound, three quadratic,
+ten flat), median of 8 seeds, after 10 generations of 150. `gap` is what the mean policy
+leaves of the way to the optimum (0.29) with a cost noise of 0, 0.01 and 0.05:
 
-    told       sigma limit   gap in %          sigma at generation 10
-    sampled    none          11.2  9.2 10.4    6.2  5.2  4.2   (runs away)
-    sampled    1.5            0.1  1.1  2.7    1.45 1.43 1.49
-    clipped    none           2.5  3.3  6.7    2.2  2.5  2.0
-    clipped    1.5            1.3  1.9  6.7    1.35 1.40 1.42
+    z told     sigma cap    gap in %          sigma
+    sampled    none         11.2  9.2 10.4    6.2  5.2  4.2    runs away
+    sampled    1.5           0.1  1.1  2.7    1.45 1.43 1.49
+    clipped    none          2.5  3.3  6.7    2.2  2.5  2.0
+    clipped    1.5           1.3  1.9  6.7    1.35 1.40 1.42
 
-So telling the clipped z tames sigma when nothing else does, but with the cap it only costs
-accuracy: the population has to stay inside the bound, and so does its mean. Untold, the
-mean goes to about twice the bound and stops there; `GenerationInfo.mean_policy` is clipped.
+Telling the clipped z tames sigma when nothing else does, but with the cap it only costs
+accuracy: a population that has to stay inside a bound keeps its mean off that bound.
+Told as sampled, the mean goes to about twice the bound and stops there, where nearly
+every candidate is at the bound; `GenerationInfo.mean_policy` is clipped as they are.
 """
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import jax
@@ -44,9 +44,10 @@ import numpy as np
 from evosax.algorithms import CMA_ES
 
 from gatjax.records import Array
+from gatjax.settings import SearchSettings
 
 DIVERGED_COST = 1e12
-"""Cost of a rollout that has none (NaN or infinite); a higher cost counts as this one."""
+"""Cost of a rollout that has none (NaN, infinite); a higher one counts as this one."""
 
 
 class Space(NamedTuple):
@@ -56,30 +57,6 @@ class Space(NamedTuple):
     step: Array  # [P] the change that sigma = 1 stands for, > 0
     low: Array  # [P] lowest value that may be evaluated
     high: Array  # [P] highest value that may be evaluated
-
-
-@dataclass(frozen=True, kw_only=True)
-class Settings:
-    """How long and how wide to search; the defaults are the paper's search."""
-
-    population: int = 150  # policies a generation
-    rollouts: int = 20  # rollouts a policy
-    generations: int = 10
-    sigma: float = 0.5  # first standard deviation, in steps
-    sigma_max: float = 1.5  # largest standard deviation, in steps
-
-    def __post_init__(self) -> None:
-        """Refuse settings that no search can run with."""
-        for name, least in (("population", 4), ("rollouts", 1), ("generations", 1)):
-            if getattr(self, name) < least:
-                raise ValueError(
-                    f"search: {name} is {getattr(self, name)}; use {least} or more"
-                )
-        if not 0.0 < self.sigma <= self.sigma_max < np.inf:
-            raise ValueError(
-                f"search: sigma {self.sigma} must be above 0 and at most sigma_max "
-                f"{self.sigma_max}"
-            )
 
 
 class SearchState(NamedTuple):
@@ -132,7 +109,7 @@ def _weights(population: Array, fitness: Array, state: Any, params: Any) -> Arra
 @functools.lru_cache(maxsize=16)
 def _strategy(population: int, dimension: int) -> _Strategy:
     """One strategy a size: evosax compiles anew for every instance."""
-    with jax.ensure_compile_time_eval():  # it keeps an array; inside jit that would leak
+    with jax.ensure_compile_time_eval():  # it keeps an array: a leak inside jit
         return _Strategy(population, np.zeros(dimension), fitness_shaping_fn=_weights)
 
 
@@ -156,12 +133,13 @@ def check(space: Space) -> None:
     if wrong.any():
         i = int(wrong.argmax())
         raise ValueError(
-            f"search space: parameter {i} has theta0 {theta0[i]}, step {step[i]}, bounds "
-            f"{low[i]} to {high[i]}; needed: low <= theta0 <= high, low < high, step > 0"
+            f"search space: parameter {i} has theta0 {theta0[i]}, step {step[i]}, "
+            f"bounds {low[i]} to {high[i]}; needed: low <= theta0 <= high, low < high, "
+            f"step > 0"
         )
 
 
-def start(space: Space, settings: Settings, key: Array) -> SearchState:
+def start(space: Space, settings: SearchSettings, key: Array) -> SearchState:
     """Begin a search at theta0 (call it outside `jax.jit`).
 
     Args:
@@ -262,28 +240,30 @@ def tell(
     return state._replace(distribution=jax.tree.map(_strong, moved)), info
 
 
-def generation_keys(key: Array, generation: Array, rollouts: int) -> tuple[Array, Array]:
+def generation_keys(key: Array, number: Array, rollouts: int) -> tuple[Array, Array]:
     """Random keys of one generation, from its number and not from what ran before.
 
     Args:
         key: [] of the search.
-        generation: [] int, number of the generation.
+        number: [] int, of the generation.
         rollouts: R.
 
     Returns:
         The key to `ask` with [] and the keys of the rollouts [R], which all policies of
         the generation share (common random numbers: only the policies differ).
     """
-    sampling, rolling = jax.random.split(jax.random.fold_in(key, generation))
+    sampling, rolling = jax.random.split(jax.random.fold_in(key, number))
     return sampling, jax.random.split(rolling, rollouts)
 
 
-def generation(space: Space, settings: Settings, evaluate: Evaluate) -> Generation:
+def generation(
+    space: Space, settings: SearchSettings, evaluate: Evaluate
+) -> Generation:
     """Build one generation: ask, all rollouts, tell. Wrap it in `jax.jit`.
 
-    Values, state and number of the generation are arguments: one compilation serves all.
-    To spread the population over devices, constrain the sharding of `policies` on axis 0
-    inside `evaluate`; nothing here depends on where the rows are.
+    State, values and number are arguments: one compilation serves all of them.
+    To spread the population over devices, constrain the sharding of axis 0 of
+    `policies` inside `evaluate`; nothing here depends on where the rows are.
 
     Args:
         space: as given to `start`.
@@ -291,7 +271,7 @@ def generation(space: Space, settings: Settings, evaluate: Evaluate) -> Generati
         evaluate: (values, policies [N, P], keys [R]) -> costs [N, R], traceable by jax.
 
     Returns:
-        The function (state, values, generation) -> (state, info).
+        The function (state, values, number of the generation) -> (state, info).
     """
     check(space)
 
@@ -305,11 +285,13 @@ def generation(space: Space, settings: Settings, evaluate: Evaluate) -> Generati
     return run
 
 
-def host_generation(space: Space, settings: Settings, evaluate: Evaluate) -> Generation:
+def host_generation(
+    space: Space, settings: SearchSettings, evaluate: Evaluate
+) -> Generation:
     """Build the same generation for rollouts that run outside jax; do not jit it.
 
-    `ask` and `tell` are compiled. `evaluate` is called between them on the host with numpy
-    policies [N, P] and jax keys [R]. If it raises, the state that was given is unchanged.
+    `ask` and `tell` are compiled. `evaluate` is called between them, on the host, with
+    numpy policies [N, P] and jax keys [R]; if it raises, the state given is still good.
 
     Args:
         space: as given to `start`.
@@ -317,7 +299,7 @@ def host_generation(space: Space, settings: Settings, evaluate: Evaluate) -> Gen
         evaluate: (values, policies [N, P], keys [R]) -> costs [N, R].
 
     Returns:
-        The function (state, values, generation) -> (state, info).
+        The function (state, values, number of the generation) -> (state, info).
     """
     check(space)
 
@@ -337,7 +319,7 @@ def host_generation(space: Space, settings: Settings, evaluate: Evaluate) -> Gen
     return run
 
 
-def _check_state(state: SearchState, space: Space, settings: Settings) -> None:
+def _check_state(state: SearchState, space: Space, settings: SearchSettings) -> None:
     found = state.parameters.weights.shape[0], state.space.theta0.shape[0]
     wanted = settings.population, len(space.theta0)
     if found != wanted:
@@ -347,7 +329,7 @@ def _check_state(state: SearchState, space: Space, settings: Settings) -> None:
         )
 
 
-def _policy_costs_of(costs: Array, settings: Settings) -> Array:
+def _policy_costs_of(costs: Array, settings: SearchSettings) -> Array:
     wanted = settings.population, settings.rollouts
     if jnp.shape(costs) != wanted:
         raise ValueError(

@@ -4,7 +4,31 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from gatjax.search import Settings
+import tyro
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchSettings:
+    """How long and how wide to search; the defaults are the paper's search."""
+
+    population: int = 150  # policies a generation
+    rollouts: int = 20  # rollouts a policy
+    generations: int = 10
+    sigma: float = 0.5  # first standard deviation, in steps
+    sigma_max: float = 1.5  # largest standard deviation, in steps
+
+    def __post_init__(self) -> None:
+        """Refuse settings that no search can run with."""
+        for name, least in (("population", 4), ("rollouts", 1), ("generations", 1)):
+            if getattr(self, name) < least:
+                raise ValueError(
+                    f"search: {name} is {getattr(self, name)}; use {least} or more"
+                )
+        if not 0.0 < self.sigma <= self.sigma_max < float("inf"):
+            raise ValueError(
+                f"search: sigma {self.sigma} must be above 0 and at most sigma_max "
+                f"{self.sigma_max}"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,7 +49,9 @@ class LoopSettings:
     """Runs of the simulator to learn from, each iteration."""
     evaluations: int = 5
     """Runs on the robot for each candidate walk."""
-    search: Settings = field(default_factory=Settings)
+    search: tyro.conf.OmitArgPrefixes[SearchSettings] = field(
+        default_factory=SearchSettings
+    )
     """CMA-ES: population x rollouts x generations."""
     rate_hz: float = 50.0
     """Control rate: 50 (paper), 100 or 83.3."""
@@ -40,7 +66,7 @@ class LoopSettings:
 DEMO = LoopSettings(
     robot_trajectories=30,
     simulator_trajectories=30,
-    search=Settings(population=40, rollouts=4, generations=8),
+    search=SearchSettings(population=40, rollouts=4, generations=8),
 )
 """Fits 2 cores in ten minutes."""
 

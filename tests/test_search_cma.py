@@ -8,7 +8,7 @@ import pytest
 
 from gatjax.search import (
     DIVERGED_COST,
-    Settings,
+    SearchSettings,
     Space,
     ask,
     generation,
@@ -74,9 +74,7 @@ class Hansen:
         self.mu = mu = best.sum() ** 2 / (best**2).sum()
         mu_minus = rest.sum() ** 2 / (rest**2).sum()
         self.c_sigma = (mu + 2) / (n + mu + 5)
-        self.damping = (
-            1 + 2 * max(0.0, np.sqrt((mu - 1) / (n + 1)) - 1) + self.c_sigma
-        )
+        self.damping = 1 + 2 * max(0.0, np.sqrt((mu - 1) / (n + 1)) - 1) + self.c_sigma
         self.c_c = (4 + mu / n) / (n + 4 + 2 * mu / n)
         self.c_1 = 2 / ((n + 1.3) ** 2 + mu)
         self.c_mu = min(1 - self.c_1, 2 * (mu - 2 + 1 / mu) / ((n + 2) ** 2 + mu))
@@ -136,7 +134,9 @@ def plateau(x):
 @pytest.mark.parametrize("cost", [linear, ellipsoid, stairs, plateau])
 def test_tell_follows_the_tutorial_for_twelve_generations(cost):
     n, size = 6, 14
-    state = start(box(n), Settings(population=size, sigma_max=99.0), jax.random.key(1))
+    state = start(
+        box(n), SearchSettings(population=size, sigma_max=99.0), jax.random.key(1)
+    )
     reference = Hansen(n, size, 0.5)
     for number in range(12):
         candidates = ask(state, jax.random.key(number))
@@ -162,7 +162,7 @@ def test_tell_follows_the_tutorial_for_twelve_generations(cost):
 )
 def test_it_is_as_good_as_the_cma_package(cost, dimension, generations, target):
     size, seeds, sigma = 16, 7, 0.5
-    settings = Settings(population=size, rollouts=1, sigma=sigma, sigma_max=100.0)
+    settings = SearchSettings(population=size, rollouts=1, sigma=sigma, sigma_max=100.0)
     space = box(dimension, theta0=2.0 if cost is sphere else 0.5)
     ours = histories(space, settings, plain(cost), seeds, generations).best_cost
     theirs = np.empty((seeds, generations))
@@ -203,8 +203,8 @@ GAIT_BOX = Space(
 
 
 def test_sigma_is_capped_where_it_would_run_away_over_flat_directions():
-    settings = Settings(population=60, rollouts=1)
-    free = Settings(population=60, rollouts=1, sigma_max=1e6)
+    settings = SearchSettings(population=60, rollouts=1)
+    free = SearchSettings(population=60, rollouts=1, sigma_max=1e6)
     capped = histories(GAIT_BOX, settings, plain(gait_like), 5, 15)
     loose = histories(GAIT_BOX, free, plain(gait_like), 5, 15)
     assert (np.median(loose.sigma, 0) > 3.0).any()  # the trap is there
@@ -222,7 +222,7 @@ def test_sigma_is_capped_where_it_would_run_away_over_flat_directions():
 
 def test_candidates_best_and_mean_stay_inside_the_bounds():
     space = box(4, theta0=0.2, step=3.0, low=-0.1, high=0.3)
-    settings = Settings(population=12, rollouts=2)
+    settings = SearchSettings(population=12, rollouts=2)
     info = histories(space, settings, plain(lambda x: -x.sum(-1)), 3, 10)
     for policies in (info.policies, info.best_policy, info.mean_policy):
         assert policies.min() >= -0.1
@@ -231,10 +231,10 @@ def test_candidates_best_and_mean_stay_inside_the_bounds():
 
 
 def test_samples_are_steps_from_theta0():
-    space = Space(
-        np.array([10.0, -3.0]), np.array([2.0, 0.5]), np.full(2, -99.0), np.full(2, 99.0)
+    space = box(2)._replace(theta0=np.array([10.0, -3.0]), step=np.array([2.0, 0.5]))
+    candidates = ask(
+        start(space, SearchSettings(), jax.random.key(0)), jax.random.key(1)
     )
-    candidates = ask(start(space, Settings(), jax.random.key(0)), jax.random.key(1))
     expected = space.theta0[None] + space.step[None] * np.asarray(candidates.samples)
     np.testing.assert_allclose(candidates.policies, expected)
     np.testing.assert_allclose(candidates.samples.std(0), 0.5, rtol=0.2)
@@ -247,7 +247,7 @@ def test_a_diverged_rollout_ranks_last_and_poisons_nothing(bad):
         broken = (policies[:, 0] > 2.0)[:, None] & (jnp.arange(len(keys)) == 0)[None]
         return jnp.where(broken, bad, costs)
 
-    settings = Settings(population=20, rollouts=3, sigma_max=100.0)
+    settings = SearchSettings(population=20, rollouts=3, sigma_max=100.0)
     info = histories(box(5, theta0=2.0), settings, evaluate, 3, 40)
     assert np.isfinite(info.costs).all()
     broken = np.asarray(info.policies[..., 0]) > 2.0
@@ -260,7 +260,7 @@ def test_the_search_survives_a_generation_that_diverges_as_a_whole():
     def evaluate(number, policies, keys):
         return jnp.where(number == 1, jnp.nan, plain(sphere)(None, policies, keys))
 
-    space, settings = box(5, theta0=2.0), Settings(population=20, rollouts=2)
+    space, settings = box(5, theta0=2.0), SearchSettings(population=20, rollouts=2)
     step = jax.jit(generation(space, settings, evaluate))
     state = start(space, settings, jax.random.key(0))
     for number in range(40):
@@ -275,7 +275,7 @@ def test_more_diverged_rollouts_cost_more():
 
 
 def test_all_policies_share_the_keys_and_every_generation_has_its_own():
-    settings, seen = Settings(population=8, rollouts=4), []
+    settings, seen = SearchSettings(population=8, rollouts=4), []
 
     def evaluate(values, policies, keys):
         seen.append(np.asarray(jax.random.key_data(keys)))
@@ -303,7 +303,7 @@ def test_keys_come_from_the_number_of_the_generation_only():
 
 
 def test_host_and_jitted_generation_give_the_same_numbers():
-    settings = Settings(population=10, rollouts=2)
+    settings = SearchSettings(population=10, rollouts=2)
 
     def evaluate(values, policies, keys):
         noise = jax.vmap(jax.random.normal)(keys)
@@ -320,7 +320,7 @@ def test_host_and_jitted_generation_give_the_same_numbers():
 
 
 def test_one_trace_serves_all_generations_values_and_seeds():
-    traces, settings = [], Settings(population=10, rollouts=2)
+    traces, settings = [], SearchSettings(population=10, rollouts=2)
 
     def evaluate(values, policies, keys):
         traces.append(policies.shape)
@@ -347,7 +347,7 @@ def test_one_trace_serves_all_generations_values_and_seeds():
 def test_a_space_that_cannot_be_searched_is_refused(change, message):
     space = box(2, low=-1.0, high=1.0)._replace(**change)
     with pytest.raises(ValueError, match=message):
-        start(space, Settings(), jax.random.key(0))
+        start(space, SearchSettings(), jax.random.key(0))
 
 
 @pytest.mark.parametrize(
@@ -355,12 +355,12 @@ def test_a_space_that_cannot_be_searched_is_refused(change, message):
 )
 def test_settings_that_cannot_run_are_refused(change):
     with pytest.raises(ValueError, match="search: "):
-        Settings(**change)
+        SearchSettings(**change)
 
 
 def test_a_state_of_other_settings_and_costs_of_another_shape_are_refused():
-    state = start(box(3), Settings(population=10), jax.random.key(0))
-    eight = Settings(population=8, rollouts=2)
+    state = start(box(3), SearchSettings(population=10), jax.random.key(0))
+    eight = SearchSettings(population=8, rollouts=2)
     with pytest.raises(ValueError, match="resume with the settings"):
         generation(box(3), eight, plain(sphere))(state, None, 0)
     state = start(box(3), eight, jax.random.key(0))

@@ -8,7 +8,7 @@ from gatjax.report import facts, pictures, sections
 from gatjax.report.read import Run, read_run
 from gatjax.report.tables import Summary, summarise
 from gatjax.report.verdict import Verdict, judge
-from gatjax.report.walks import Walk, choose, read_walks
+from gatjax.report.walks import Walk, choose, read_walk, read_walks
 from gatjax.report.wording import escape
 from gatjax.runs import write_whole
 
@@ -58,9 +58,7 @@ def fastest(summary: Summary) -> str | None:
 
 
 def render(run: Run, summary: Summary, verdict: Verdict, walks: list[Walk]) -> str:
-    """Put the page together."""
-    style = (HERE / "style.css").read_text(encoding="utf-8")
-    scripts = [(HERE / name).read_text(encoding="utf-8") for name in SCRIPTS]
+    """Put the page of a run together."""
     robot = escape(run.robot.get("name", "unknown robot"))
     body = "".join(
         (
@@ -73,14 +71,28 @@ def render(run: Run, summary: Summary, verdict: Verdict, walks: list[Walk]) -> s
             pictures.prediction_pictures(run),
             facts.parameter_table(run, summary),
             facts.run_facts(run),
+            "<footer>Written by gatjax from the files of the run folder.</footer>",
         )
     )
+    return document(run.folder.resolve().name, body)
+
+
+def build_walk_page(walk: Path, out: Path) -> None:
+    """Write the animation of one walk file (walks/*.npz) as a page of its own."""
+    shown = read_walk(walk)
+    page = document(shown.label, sections.animation([shown]))
+    write_whole({Path(out): page.encode("utf-8")})
+
+
+def document(title: str, body: str) -> str:
+    """Wrap a body into a page that carries its own styles and scripts."""
+    style = (HERE / "style.css").read_text(encoding="utf-8")
+    scripts = [(HERE / name).read_text(encoding="utf-8") for name in SCRIPTS]
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>gatjax: {escape(run.folder.resolve().name)}</title>"
-        f"<style>\n{style}</style></head>\n<body><main>{body}"
-        "<footer>Written by gatjax from the files of the run folder.</footer></main>\n"
+        f"<title>gatjax: {escape(title)}</title>"
+        f"<style>\n{style}</style></head>\n<body><main>{body}</main>\n"
         f"<script>\n{''.join(scripts)}</script></body></html>\n"
     )
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
@@ -40,12 +42,17 @@ def prepare(world: World, backend: str = "native", impl: str = "jax") -> Backend
     if backend == "mjx":
         from gatjax.sim import mjx
 
-        mjx.use_compile_cache()
         outcome = jax.vmap(mjx.outcome(world, impl), in_axes=(None, 0, 0))
         rollout = jax.jit(jax.vmap(mjx.rollout(world, impl), in_axes=(None, 0, 0)))
         replay = jax.jit(jax.vmap(mjx.replay(world, impl), in_axes=(None, 0, 0, 0, 0)))
         return Backend(jax.jit(outcome), rollout, replay, True)
     raise ValueError(f"backend {backend!r} is unknown; choose from {list(BACKENDS)}")
+
+
+def use_compile_cache() -> None:
+    """Keep compiled programs in the user's cache folder, across runs."""
+    root = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
+    jax.config.update("jax_compilation_cache_dir", str(root / "gatjax" / "xla"))
 
 
 def default_backend() -> str:

@@ -7,9 +7,7 @@ vmaps, jits and shards them. `impl` is "jax", or "warp" on NVIDIA GPUs.
 from __future__ import annotations
 
 import importlib.util
-import os
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -31,6 +29,11 @@ def check(world: World, impl: str) -> None:
     lost = dropped_by_mjx(world.model)
     if lost:
         raise ValueError(f"MJX can't represent {', '.join(lost)}; use --backend native")
+    check_machine(impl)
+
+
+def check_machine(impl: str) -> None:
+    """Raise if this machine can't run an implementation of MJX."""
     if impl not in ("jax", "warp"):
         raise ValueError(f"impl {impl!r} is unknown; choose from ['jax', 'warp']")
     if impl == "warp":
@@ -40,13 +43,8 @@ def check(world: World, impl: str) -> None:
             raise ValueError("impl 'warp' needs an NVIDIA GPU; use --impl jax")
 
 
-def use_compile_cache() -> None:
-    """Keep compiled programs in the user's cache folder, across runs."""
-    root = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
-    jax.config.update("jax_compilation_cache_dir", str(root / "gatjax" / "xla"))
-
-
-def _physics(world: World, impl: str) -> tuple[Any, Any]:
+def bare_data(world: World, impl: str) -> tuple[Any, Any]:
+    """Return MJX's model and data of a world with its field changes."""
     check(world, impl)
     model = fields_applied(world)
     if impl == "warp":
@@ -74,7 +72,9 @@ def _substeps(world: World, values: Values, model: Any) -> Callable:
             angle, velocity = data.qpos[where.position], data.qvel[where.velocity]
             signal = Signal(target, angle, velocity, jnp.zeros_like(target))
             state, signal = motor.apply(values.motor, state, signal)
-            return (mjx.step(model, data.replace(ctrl=signal.target)), state), None
+            with jax.numpy_rank_promotion("allow"):  # MJX promotes ranks itself
+                data = mjx.step(model, data.replace(ctrl=signal.target))
+            return (data, state), None
 
         return jax.lax.scan(step, (data, state), None, length=world.substeps)[0]
 
@@ -86,7 +86,7 @@ def _first_signal(target: Array, plant: episode.Plant) -> Signal:
 
 
 def _run(world: World, impl: str, keep: Callable) -> Callable:
-    base_model, base_data = _physics(world, impl)
+    base_model, base_data = bare_data(world, impl)
     where = find_slots(world.model)
     _, motor, _ = world.chains()
 
@@ -154,7 +154,7 @@ def replay(world: World, impl: str = "jax") -> Callable[..., Array]:
     angles; then the physics starts at qpos, qvel and plays the other T - W commands.
     It returns the joint angles [T - W, J] after each of those ticks, rad.
     """
-    base_model, base_data = _physics(world, impl)
+    base_model, base_data = bare_data(world, impl)
     where = find_slots(world.model)
     command, motor, _ = world.chains()
 

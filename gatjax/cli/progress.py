@@ -16,7 +16,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from gatjax.loop import Progress as Teller
+from gatjax.loop.setting import Progress as Teller
 
 
 @contextmanager

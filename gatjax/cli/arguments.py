@@ -1,8 +1,7 @@
-"""The command line: one verb, one frozen dataclass, one function."""
+"""What each verb of the command line takes: one frozen dataclass a verb."""
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -11,7 +10,11 @@ import tyro
 
 from gatjax.settings import DEMO, PRESETS, LoopSettings
 
-STOPPED = 130  # exit code of Ctrl-C
+
+ABOUT = (
+    "Ground a robot simulator in logs of the robot, search for a better walk in it, "
+    "and show whether the walk transfers. Start with: gatjax run"
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,40 +143,35 @@ class Doctor:
     """Check this installation: versions, devices, engines, and a short walk."""
 
 
-VERBS: dict[str, tuple[type, str]] = {
-    "run": (Run, "run"),
-    "collect": (Collect, "collect"),
-    "ground": (Ground, "ground"),
-    "search": (Search, "search"),
-    "evaluate": (Evaluate, "evaluate"),
-    "view": (View, "view"),
-    "report": (Report, "report"),
-    "bench": (Bench, "bench"),
-    "doctor": (Doctor, "doctor"),
+VERBS: dict[str, type] = {
+    "run": Run,
+    "collect": Collect,
+    "ground": Ground,
+    "search": Search,
+    "evaluate": Evaluate,
+    "view": View,
+    "report": Report,
+    "bench": Bench,
+    "doctor": Doctor,
 }
 
 
+def _preset(arguments: list[str]) -> str:
+    """Find the preset on the command line; it sets the defaults of all the rest."""
+    for index, word in enumerate(arguments):
+        name, _, value = word.partition("=")
+        if name == "--preset":
+            return value or "".join(arguments[index + 1 : index + 2])
+    return "demo"
+
+
 def parse(arguments: list[str]) -> Any:
-    """Read the command line into the verb's dataclass; presets set `run`'s defaults."""
-    words = [word for word in arguments if not word.startswith("-")]
-    names = {name: kind for name, (kind, _) in VERBS.items()}
-    if "--preset" in arguments:
-        chosen = arguments[arguments.index("--preset") + 1 :][:1]
-    else:
-        chosen = [a.partition("=")[2] for a in arguments if a.startswith("--preset=")]
-    preset = PRESETS.get(chosen[0] if chosen else "demo", DEMO)
-    run = Run(preset=chosen[0] if chosen else "demo", loop=preset)  # type: ignore[arg-type]
-    del words
-    kinds = [
-        Annotated[
-            kind,
-            tyro.conf.subcommand(
-                name, default=run if kind is Run else tyro.MISSING_NONPROP
-            ),
-        ]
-        for name, kind in names.items()
-    ]
-    union: Any = kinds[0]
-    for kind in kinds[1:]:
-        union = union | kind
-    return tyro.cli(union, args=arguments, prog="gatjax", description=__doc__)
+    """Read the command line into the verb's dataclass."""
+    preset = _preset(arguments)
+    run = Run(loop=PRESETS.get(preset, DEMO))
+    verbs: Any = None
+    for name, kind in VERBS.items():
+        default = {"default": run} if kind is Run else {}
+        verb = Annotated[kind, tyro.conf.subcommand(name, **default)]
+        verbs = verb if verbs is None else verbs | verb
+    return tyro.cli(verbs, args=arguments, prog="gatjax", description=ABOUT)

@@ -1,0 +1,53 @@
+"""Look at an installation: versions, devices, engines, and a short walk."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import importlib.util
+import os
+import platform
+from collections.abc import Iterator
+
+import jax
+import numpy as np
+
+from gatjax import loop
+from gatjax.sim.backend import default_backend
+from gatjax.sim.world import nominal
+from gatjax.surrogate import ROBOTS, make_robot
+from gatjax.task import Task
+from gatjax.walk.parameters import THETA0
+
+PACKAGES = ("jax", "mujoco", "mujoco-mjx", "evosax", "orbax-checkpoint", "dartpy")
+
+
+def examine() -> Iterator[tuple[str, str]]:
+    """Yield (what, finding) pairs; a broken engine is a finding, not an exception."""
+    yield "python", f"{platform.python_version()} on {platform.platform()}"
+    yield "cores", str(os.cpu_count())
+    for package in PACKAGES:
+        try:
+            yield package, importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            yield package, "missing; pip install gatjax again"
+    yield "devices", ", ".join(str(device) for device in jax.devices())
+    warp = importlib.util.find_spec("warp") is not None
+    hint = "present" if warp else "absent (pip install 'gatjax[warp]' on NVIDIA)"
+    yield "warp", hint
+    yield "backend", f"{default_backend()} (what --backend auto means here)"
+    task = Task(duration=1.0)
+    for name in ("simulator", *ROBOTS):
+        yield name, _walk(name, task)
+
+
+def _walk(name: str, task: Task) -> str:
+    try:
+        robot = (
+            loop.Simulator(nominal(task)) if name == "simulator" else make_robot(name)
+        )
+        _, outcome = robot.walk(THETA0[None], [0], task)
+    except (ImportError, RuntimeError, ValueError, OSError) as error:
+        return f"broken: {' '.join(str(error).split())}"
+    fell = np.isfinite(outcome.fell_at[0])
+    speed = 100.0 * float(outcome.velocity[0])
+    return f"fell in {task.duration} s" if fell else f"walks, {speed:.1f} cm/s"

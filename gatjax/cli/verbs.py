@@ -1,0 +1,212 @@
+"""What each verb does; the dataclasses are in `arguments`."""
+
+from __future__ import annotations
+
+import tempfile
+from functools import singledispatch
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from gatjax import loop, runs
+from gatjax.cli import arguments as verbs
+from gatjax.cli.progress import shown
+from gatjax.data.mapping import read_map
+from gatjax.data.recording import check_recording, read_recording, write_recording
+from gatjax.data.trajectories import to_recording
+from gatjax.grounding import learn as grounders
+from gatjax.report import build_report
+from gatjax.report.page import build_walk_page
+from gatjax.robot.nao import WALKING_JOINTS
+from gatjax.settings import LoopSettings, SearchSettings
+from gatjax.sim.backend import use_compile_cache
+from gatjax.sim.poses import states, write_walk
+from gatjax.sim.world import World, nominal, read_world
+from gatjax.surrogate import make_robot
+from gatjax.task import Task, task_at
+from gatjax.walk.parameters import THETA0
+
+
+@singledispatch
+def act(verb: Any) -> None:
+    """Do what a verb's dataclass asks for."""
+    raise TypeError(f"{type(verb).__name__} is no verb")
+
+
+def world_of(path: Path | None, task: Task) -> World:
+    """Load a world with its grounding; the ideal simulator without a path."""
+    if path is None:
+        return nominal(task)
+    world, folder = read_world(path, task)
+    if folder is None:
+        return world
+    return grounders.grounded(world, grounders.read_grounding(folder))
+
+
+def robot_of(name: str, body_seed: int, world: Path | None, task: Task) -> Any:
+    """Return the robot of a command: the simulator or a stand-in."""
+    if name == "simulator":
+        return loop.Simulator(world_of(world, task))
+    if world is not None:
+        raise ValueError(f"--world is for --robot simulator, not {name}")
+    return make_robot(name, body_seed)
+
+
+def policy_of(path: Path | None) -> np.ndarray:
+    """Read a policy, theta0 without a path."""
+    return THETA0 if path is None else runs.read_policy(path)
+
+
+def settings_of(config: dict[str, Any]) -> LoopSettings:
+    """Rebuild loop settings from config.json."""
+    search = SearchSettings(**config["search"])
+    rest = {key: value for key, value in config.items() if key != "search"}
+    return LoopSettings(**(rest | {"methods": tuple(rest["methods"]), "search": search}))
+
+
+@act.register
+def run(verb: verbs.Run) -> None:
+    """Run the loop and write the report."""
+    use_compile_cache()
+    if verb.resume:
+        folder = runs.resume_run(runs.latest_run(verb.out))
+        settings = settings_of(folder.config)
+    else:
+        settings = loop.resolved(verb.loop)
+        device = str(jax.devices()[0])
+        folder = runs.open_run(verb.out, settings, device=device)
+    print(f"run folder {folder.path}")
+    robot = make_robot(settings.robot, settings.body_seed)
+    with shown(loop.total_work(settings)) as progress:
+        loop.run(folder.path, settings, robot, progress)
+    print(f"report {build_report(folder.path)}")
+
+
+@act.register
+def collect(verb: verbs.Collect) -> None:
+    """Record walks of a robot."""
+    task = task_at(verb.rate_hz)
+    robot = robot_of(verb.robot, verb.body_seed, verb.world, task)
+    policies = np.tile(policy_of(verb.policy), (verb.trajectories, 1))
+    seeds = range(verb.seed * 1000, verb.seed * 1000 + verb.trajectories)
+    trajectory, outcome = robot.walk(policies, seeds, task)
+    recording = to_recording(trajectory, robot.name, verb.rate_hz, {"seed": verb.seed})
+    write_recording(verb.out, recording)
+    print(f"{verb.out}: {len(policies)} trajectories, {summary(outcome)}")
+
+
+def summary(outcome: Any) -> str:
+    """Say speed and falls in one line."""
+    falls = int(np.isfinite(outcome.fell_at).sum())
+    speed = 100.0 * np.asarray(outcome.velocity)
+    return f"{speed.mean():.1f} +- {speed.std():.1f} cm/s, {falls} falls"
+
+
+@act.register
+def ground(verb: verbs.Ground) -> None:
+    """Learn a grounding and write it with its world file."""
+    task = task_at(verb.rate_hz)
+    world = nominal(task)
+    mapping = None if verb.map is None else read_map(verb.map)
+    robot = read_recording(verb.robot_log, mapping)
+    simulator = read_recording(verb.simulator_log)
+    for recording in (robot, simulator):
+        check_recording(recording, WALKING_JOINTS)
+    grounding = loop.learn_grounding(world, verb.method, robot, simulator, verb.seed)
+    theta, key = policy_of(verb.policy), jax.random.key(verb.seed)
+    grounding = loop.stable(world, grounding, theta, key)
+    verb.out.mkdir(parents=True, exist_ok=True)
+    loop.write_grounded(verb.out, world, grounding, {"robot_log": str(verb.robot_log)})
+    for row in loop.predictions(world, grounding, robot, verb.seed):
+        before, after = np.rad2deg([row["before_rad"], row["after_rad"]])
+        name, horizon = row["joint"], row["horizon_s"]
+        print(f"{name:<16} {horizon:5.2f} s: error {before:6.2f} -> {after:6.2f} deg")
+    print(f"learned by {verb.method}: {grounding.facts}")
+    print(f"{verb.out / 'world.json'}: give it to any verb as --world")
+
+
+@act.register
+def search(verb: verbs.Search) -> None:
+    """Search for a faster walk in one world."""
+    use_compile_cache()
+    settings = SearchSettings(
+        population=verb.population, rollouts=verb.rollouts, generations=verb.generations
+    )
+    chosen = loop.resolved(
+        LoopSettings(backend=verb.backend, impl=verb.impl, search=settings)
+    )
+    world = world_of(verb.world, task_at(verb.rate_hz))
+    (verb.out / "policies").mkdir(parents=True, exist_ok=True)
+    key, theta = jax.random.key(verb.seed), policy_of(verb.policy)
+    job = loop.Job(verb.out, "search", 0, world, theta, key)
+    units = settings.population * settings.rollouts * settings.generations
+    with shown(units) as progress:
+        last = loop.optimise(job, chosen, progress)[-1]
+    path = verb.out / "policies" / f"{last.name}.json"
+    print(f"{path}: mean of the last generation; try it with gatjax evaluate")
+
+
+@act.register
+def evaluate(verb: verbs.Evaluate) -> None:
+    """Walk policies on a robot and print speed and falls."""
+    task = task_at(verb.rate_hz, forward=verb.forward)
+    robot = robot_of(verb.robot, verb.body_seed, verb.world, task)
+    named = {path.stem: runs.read_policy(path) for path in verb.policies}
+    named = named or {"theta0": THETA0}
+    seeds = [verb.seed * 1000 + index for index in range(verb.runs)]
+    for name, theta in named.items():
+        _, outcome = robot.walk(np.tile(theta, (verb.runs, 1)), seeds, task)
+        print(f"{name} on {robot.name}: {summary(outcome)} in {verb.runs} runs")
+
+
+@act.register
+def view(verb: verbs.View) -> None:
+    """Show one walk."""
+    task = task_at(verb.rate_hz)
+    robot = robot_of(verb.robot, verb.body_seed, verb.world, task)
+    theta = policy_of(verb.policy)
+    walk, outcome = robot.walk(theta[None], [verb.seed], task)
+    walk = jax.tree.map(lambda leaf: np.asarray(leaf)[0], walk)
+    model = nominal(task).model
+    if verb.live:
+        from gatjax.cli.window import play
+
+        play(model, states(model, walk), task.control_period)
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "walk.npz"
+        write_walk(file, model, walk, f"{robot.name}: {summary(outcome)}")
+        build_walk_page(file, verb.out)
+    print(f"{verb.out}: open it in a browser ({summary(outcome)})")
+
+
+@act.register
+def report(verb: verbs.Report) -> None:
+    """Write the report of a run folder."""
+    folder = runs.latest_run("runs") if verb.run is None else verb.run
+    print(f"report {build_report(folder)}")
+
+
+@act.register
+def bench(verb: verbs.Bench) -> None:
+    """Measure and print steps/s."""
+    from gatjax.cli.bench import measure, table
+
+    rows = measure(verb.backends, verb.worlds, verb.seconds)
+    print(table(rows))
+    if verb.json is not None:
+        runs.write_json(verb.json, {"schema": "gatjax.bench/1", "rows": rows})
+
+
+@act.register
+def doctor(verb: verbs.Doctor) -> None:
+    """Check the installation."""
+    from gatjax.cli.doctor import examine
+
+    del verb
+    for name, finding in examine():
+        print(f"{name:<14} {finding}")
+
+

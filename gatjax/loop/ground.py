@@ -1,0 +1,110 @@
+"""The grounding stage: learn, choose alpha, measure what it predicts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from gatjax import runs
+from gatjax.data.recording import Recording
+from gatjax.data.trajectories import split_by_trajectory, to_arrays
+from gatjax.grounding import learn as grounders
+from gatjax.grounding import prediction
+from gatjax.loop.setting import Setting
+from gatjax.records import Array
+from gatjax.robot.nao import WALKING_JOINTS
+from gatjax.sim.backend import pairs, prepare
+from gatjax.sim.world import World, write_world
+
+HELD_OUT = 0.2  # share of the robot's trajectories that only test predictions
+WINDOWS = 200  # pieces of 0.5 s that predictions are measured on
+STABILITY_ROLLOUTS = 20
+
+
+def learn_grounding(
+    world: World, method: str, robot: Recording, simulator: Recording, seed: int
+) -> grounders.Grounding:
+    """Learn a grounding from whole recordings, but for the held-out trajectories."""
+    seen, _ = split_by_trajectory(robot.trajectory, HELD_OUT, seed)
+    step = world.task.control_period
+    windows = prediction.cut(world, robot, seen, WINDOWS, seed)
+    error = prediction.errors(prepare(world, "native"), world.values, windows, step)
+    return grounders.learn(
+        method,
+        [run for run in to_arrays(robot, WALKING_JOINTS) if run.trajectory in seen],
+        to_arrays(simulator, WALKING_JOINTS),
+        np.array([error[joint, step] for joint in WALKING_JOINTS]),
+        seed,
+    )
+
+
+def stable(
+    world: World, grounding: grounders.Grounding, theta: Array, key: Array
+) -> grounders.Grounding:
+    """Choose the largest alpha with which the walk does not fall in the simulator."""
+    backend = prepare(grounders.grounded(world, grounding), "native")
+    keys = jax.random.split(key, STABILITY_ROLLOUTS)
+
+    def falls(candidate: grounders.Grounding) -> int:
+        values = grounders.grounded(world, candidate).values
+        result = pairs(backend.outcome, values, theta[None], keys)
+        return int(np.sum(np.isfinite(result.fell_at) | ~result.ok))
+
+    return grounders.largest_stable_alpha(grounding, falls)
+
+
+def write_grounded(
+    folder: Path, world: World, grounding: grounders.Grounding, made_by: dict[str, Any]
+) -> None:
+    """Write a grounding and the world file that uses it."""
+    write_world(folder / "world.json", world, made_by, ".")
+    grounders.write_grounding(folder, grounding)
+
+
+def predictions(
+    world: World, grounding: grounders.Grounding, robot: Recording, seed: int
+) -> list[dict[str, Any]]:
+    """Prediction error per joint before and after grounding, held-out trajectories."""
+    _, held_out = split_by_trajectory(robot.trajectory, HELD_OUT, seed)
+    step = world.task.control_period
+    windows = prediction.cut(world, robot, held_out, WINDOWS, seed + 1)
+    found = []
+    for candidate in (world, grounders.grounded(world, grounding)):
+        backend = prepare(candidate, "native")
+        found.append(prediction.errors(backend, candidate.values, windows, step))
+    before, after = found
+    return [
+        {
+            "joint": joint,
+            "horizon_s": horizon,
+            "before_rad": before[joint, horizon],
+            "after_rad": after[joint, horizon],
+        }
+        for joint, horizon in before
+    ]
+
+
+def ground(
+    setting: Setting,
+    method: str,
+    iteration: int,
+    theta: Array,
+    logs: tuple[Recording, Recording],
+) -> grounders.Grounding:
+    """Ground the simulator in the logs of robot and simulator; once."""
+    folder = setting.folder / "grounding" / f"{method}_{iteration}"
+    if (folder / "grounder.json").exists():
+        return grounders.read_grounding(folder)
+    setting.progress.stage(f"{method}: ground the simulator")
+    seed, world = setting.settings.seed, setting.world
+    grounding = learn_grounding(world, method, *logs, seed)
+    grounding = stable(world, grounding, theta, setting.key(2, iteration))
+    facts = {"method": method, "iteration": iteration}
+    rows = [facts | row for row in predictions(world, grounding, logs[0], seed)]
+    runs.add_rows(setting.folder / "prediction.csv", rows)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_grounded(folder, world, grounding, facts)
+    return grounding

@@ -1,0 +1,147 @@
+"""The search stage: CMA-ES in one world, a checkpoint and two policies a generation."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from gatjax import checkpoints, runs, search
+from gatjax.loop.setting import SIMULATOR_UNIT, Progress
+from gatjax.records import Array
+from gatjax.settings import LoopSettings
+from gatjax.sim.backend import costs, pairs, prepare
+from gatjax.sim.world import World
+from gatjax.walk.parameters import HIGH, LOW, STEP, THETA0
+
+VERIFY = 4  # fact that the keys of the last check in the simulator are folded from
+
+
+class Candidate(NamedTuple):
+    """A walk to be tried on the robot."""
+
+    method: str
+    iteration: int
+    generation: int
+    kind: str  # best or mean
+    policy: Array  # [15]
+
+    @property
+    def key(self) -> dict[str, Any]:
+        """Key columns of the tables."""
+        return {
+            "method": self.method,
+            "iteration": self.iteration,
+            "generation": self.generation,
+            "candidate": self.kind,
+        }
+
+    @property
+    def name(self) -> str:
+        """Name of its policy file."""
+        facts = (self.method, self.iteration, self.generation, self.kind)
+        return "_".join(map(str, facts))
+
+
+class Job(NamedTuple):
+    """One search: where it writes, in which world, from which policy."""
+
+    folder: Path
+    method: str
+    iteration: int
+    world: World
+    theta: Array  # [15]
+    key: Array
+
+    @property
+    def checkpoints(self) -> Path:
+        """Folder of its checkpoints."""
+        return self.folder / "checkpoints" / f"{self.method}_{self.iteration}"
+
+
+def optimise(job: Job, settings: LoopSettings, progress: Progress) -> list[Candidate]:
+    """Search, or go on with a search; return best and mean of every generation."""
+    theta = np.clip(job.theta, LOW, HIGH)
+    space = search.Space(theta0=theta, step=STEP, low=LOW, high=HIGH)
+    state = search.start(space, settings.search, job.key)
+    done = checkpoints.latest(job.checkpoints)
+    first = 0 if done is None else done + 1
+    if done is not None:
+        state = checkpoints.restore(job.checkpoints, state, done)
+    candidates = read_candidates(job, first)
+    runs_each = settings.search.population * settings.search.rollouts
+    progress.work(SIMULATOR_UNIT * runs_each * first)
+    if first < settings.search.generations:
+        step = generation(settings, job.world, space)
+        for number in range(first, settings.search.generations):
+            total = settings.search.generations
+            progress.stage(f"{job.method}: generation {number + 1} of {total}")
+            begun = time.perf_counter()
+            state, info = step(state, job.world.values, np.int32(number))
+            info = jax.tree.map(np.asarray, info)
+            candidates += write_candidates(job, number, info, begun)
+            checkpoints.save(job.checkpoints, number, state)
+            progress.work(SIMULATOR_UNIT * runs_each)
+        verify(job, candidates, settings.search.rollouts)
+    return candidates
+
+
+def generation(
+    settings: LoopSettings, world: World, space: search.Space
+) -> search.Generation:
+    """Return one generation: a single compiled call on mjx."""
+    backend = prepare(world, settings.backend, settings.impl)
+    if backend.compiled:
+        return jax.jit(search.generation(space, settings.search, costs(backend)))
+    return search.host_generation(space, settings.search, costs(backend))
+
+
+def write_candidates(
+    job: Job, number: int, info: search.GenerationInfo, begun: float
+) -> list[Candidate]:
+    """Write the candidates of one generation."""
+    pair = [
+        Candidate(job.method, job.iteration, number, "best", info.best_policy),
+        Candidate(job.method, job.iteration, number, "mean", info.mean_policy),
+    ]
+    for candidate in pair:
+        runs.write_policy(
+            job.folder / "policies", candidate.name, candidate.policy, candidate.key
+        )
+    facts = {"sigma": float(info.sigma), "seconds": time.perf_counter() - begun}
+    rows = [candidate.key | facts for candidate in pair]
+    rows[0]["simulator_cost"] = float(info.best_cost)
+    runs.add_rows(job.folder / "metrics.csv", rows)
+    return pair
+
+
+def read_candidates(job: Job, generations: int) -> list[Candidate]:
+    """Read the candidates of generations that are done already."""
+    candidates = []
+    for number in range(generations):
+        for kind in ("best", "mean"):
+            empty = Candidate(job.method, job.iteration, number, kind, THETA0)
+            path = job.folder / "policies" / f"{empty.name}.json"
+            candidates.append(empty._replace(policy=runs.read_policy(path)))
+    return candidates
+
+
+def verify(job: Job, candidates: list[Candidate], rollouts: int) -> None:
+    """Measure every candidate in the world it was found in, with fresh random keys."""
+    keys = jax.random.split(jax.random.fold_in(job.key, VERIFY), rollouts)
+    policies = np.stack([candidate.policy for candidate in candidates])
+    backend = prepare(job.world, "native")
+    result = pairs(backend.outcome, job.world.values, policies, keys)
+    rows = [
+        candidate.key
+        | {
+            "simulator_cost": float(search.policy_costs(result.cost[[index]])[0]),
+            "simulator_velocity_m_s": float(result.velocity[index].mean()),
+            "simulator_falls": int(np.isfinite(result.fell_at[index]).sum()),
+        }
+        for index, candidate in enumerate(candidates)
+    ]
+    runs.add_rows(job.folder / "metrics.csv", rows)

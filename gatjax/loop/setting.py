@@ -1,0 +1,100 @@
+"""What all stages of one run share."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+import jax
+
+from gatjax.grounding.learn import check_method
+from gatjax.records import Array, Outcome, Trajectory
+from gatjax.settings import LoopSettings
+from gatjax.sim.backend import BACKENDS, default_backend
+from gatjax.sim.world import World
+from gatjax.task import Task, task_at
+
+SIMULATOR_UNIT, ROBOT_UNIT = 1.0, 12.0  # relative cost of one run, for the time left
+
+
+class Robot(Protocol):
+    """What the loop needs of a robot."""
+
+    name: str
+
+    def constants(self) -> dict[str, Any]:
+        """Facts about the robot for robot.json."""
+        ...
+
+    def walk(
+        self, policies: Array, seeds: Sequence[int], task: Task = ...
+    ) -> tuple[Trajectory, Outcome]:
+        """Walk policies [N, 15] with seeds [N], one run each; results [N, ...]."""
+        ...
+
+
+class Progress(NamedTuple):
+    """Where long work says what it does and how much of it is done."""
+
+    stage: Callable[[str], None]
+    work: Callable[[float], None]  # units done since the last call
+
+
+class Setting(NamedTuple):
+    """What all stages of one run share."""
+
+    folder: Path
+    settings: LoopSettings
+    task: Task
+    world: World  # the nominal simulator
+    robot: Robot
+    progress: Progress
+
+    def key(self, *facts: int) -> Array:
+        """Derive a random key from the run's seed and facts, not from call order."""
+        key = jax.random.key(self.settings.seed)
+        for fact in facts:
+            key = jax.random.fold_in(key, fact)
+        return key
+
+
+def total_work(settings: LoopSettings) -> float:
+    """Work units of a whole run, for the time left."""
+    one = settings.search
+    searched = one.population * one.rollouts * one.generations
+    evaluated = 2 * one.generations * settings.evaluations
+    methods, rounds = len(settings.methods), settings.iterations
+    collected = settings.robot_trajectories * (1 + (rounds - 1) * methods)
+    robot = collected + methods * rounds * evaluated + 2 * settings.evaluations
+    return SIMULATOR_UNIT * methods * rounds * searched + ROBOT_UNIT * robot
+
+
+def resolved(settings: LoopSettings) -> LoopSettings:
+    """Check settings and write out what `auto` stands for on this machine.
+
+    Raises:
+        ValueError: one line with the setting that is wrong and what it may be.
+    """
+    for method in settings.methods:
+        check_method(method)
+    if len(set(settings.methods)) != len(settings.methods):
+        raise ValueError(f"methods {settings.methods} name one twice; name each once")
+    for name in ("iterations", "evaluations"):
+        if getattr(settings, name) < 1:
+            raise ValueError(f"{name} is {getattr(settings, name)}; use 1 or more")
+    for name in ("robot_trajectories", "simulator_trajectories"):
+        if getattr(settings, name) < 4:
+            raise ValueError(f"{name} is {getattr(settings, name)}; use 4 or more")
+    task_at(settings.rate_hz)
+    if settings.backend == "auto":
+        settings = dataclasses.replace(settings, backend=default_backend())
+    if settings.backend not in BACKENDS:
+        known = ["auto", *BACKENDS]
+        raise ValueError(f"backend {settings.backend!r} is unknown; choose from {known}")
+    if settings.backend == "mjx":
+        from gatjax.sim.mjx import check_machine
+
+        check_machine(settings.impl)
+    return settings
