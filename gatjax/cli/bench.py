@@ -1,7 +1,8 @@
 """Steps per second of each backend, beside a bare stepping loop of the same engine.
 
-The bare loop steps as many worlds as many times with constant commands and does nothing
-else, so the ratio is what the closed loop (sensors, walk engine, effects, task) costs.
+The bare loop plays the commands of the same walks from the same starts and does nothing
+else: equal physics, so the ratio is what the closed loop costs (sensors, walk engine,
+effects, task).
 Compile time is reported apart. Compare ratios; absolute times only from a quiet machine.
 """
 
@@ -9,7 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -18,8 +19,9 @@ import numpy as np
 from mujoco import batch, mjx
 
 from gatjax import task as tasks
-from gatjax.sim.backend import prepare
+from gatjax.sim.backend import Backend, prepare
 from gatjax.sim.mjx import bare_data, device_memory
+from gatjax.sim.native import Native
 from gatjax.sim.world import World, nominal
 from gatjax.walk.parameters import THETA0
 
@@ -42,50 +44,63 @@ def _first(run: Callable[[], Any]) -> float:
     return time.perf_counter() - begun
 
 
-def _stand(world: World) -> tuple[np.ndarray, np.ndarray]:
-    """State and command of a robot that stands ready."""
-    from gatjax.sim import episode
-    from gatjax.robot.model import slots
+class Walk(NamedTuple):
+    """What a bare loop plays: the same physics as the closed loop, nothing else."""
 
-    start = episode.start(
-        world, slots(world.model), jnp.asarray(THETA0, float), jax.random.key(0)
+    world: World
+    policies: Any  # [B, 15]
+    keys: Any  # [B]
+    qpos: np.ndarray  # [B, nq] at the start
+    qvel: np.ndarray  # [B, nv]
+    command: np.ndarray  # [T, B, J] rad
+
+
+def recorded(world: World, worlds: int) -> Walk:
+    """Walk theta0 once and keep the starts and commands."""
+    policies = jnp.tile(jnp.asarray(THETA0, float), (worlds, 1))
+    keys = jax.random.split(jax.random.key(0), worlds)
+    native = Native(world)
+    start = native.begin(world.values, policies, keys)[0]
+    walk, _ = native.rollout(world.values, policies, keys)
+    command = np.swapaxes(walk.command, 0, 1)
+    return Walk(
+        world, policies, keys, np.asarray(start.qpos), np.asarray(start.qvel), command
     )
-    return np.asarray(start.qpos), np.asarray(tasks.pose(THETA0))
 
 
-def bare_native(world: World, worlds: int) -> Callable[[], None]:
-    """Return a bare stepping loop of `mujoco.batch`, as many steps as a rollout."""
-    qpos, command = _stand(world)
-    physics = batch.Batch(world.model, nsim=worlds)
+def bare_native(walk: Walk) -> Callable[[], None]:
+    """Return a bare loop of `mujoco.batch` over the recorded commands."""
+    physics = batch.Batch(walk.world.model, nsim=len(walk.qpos))
 
     def run() -> None:
         physics.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
-        physics.qpos[:] = qpos
-        physics.ctrl[:] = command
-        for _ in range(world.task.ticks - 1):
-            physics.step(nstep=world.substeps)
+        physics.qpos[:], physics.qvel[:] = walk.qpos, walk.qvel
+        for command in walk.command[:-1]:  # nothing is stepped after the last tick
+            physics.ctrl[:] = command
+            physics.step(nstep=walk.world.substeps)
 
     return run
 
 
-def bare_mjx(world: World, worlds: int, impl: str) -> Callable[[], Any]:
-    """Return a bare MJX loop: vmap and scan over steps, one compiled call."""
-    qpos, command = _stand(world)
-    model, data = bare_data(world, impl)
-    steps = world.task.ticks * world.substeps
+def bare_mjx(walk: Walk, impl: str) -> Callable[[], Any]:
+    """Return a bare MJX loop over the recorded commands: one compiled call."""
+    model, data = bare_data(walk.world, impl)
 
-    def one(qpos: jax.Array) -> jax.Array:
-        begun = data.replace(qpos=qpos, ctrl=jnp.asarray(command, qpos.dtype))
-
+    def one(qpos: jax.Array, qvel: jax.Array, commands: jax.Array) -> jax.Array:
         def step(carry: Any, _: None) -> tuple[Any, None]:
             with jax.numpy_rank_promotion("allow"):
                 return mjx.step(model, carry), None
 
-        return jax.lax.scan(step, begun, None, length=steps)[0].qpos
+        def tick(carry: Any, command: jax.Array) -> tuple[Any, None]:
+            carry = carry.replace(ctrl=command)
+            return jax.lax.scan(step, carry, None, length=walk.world.substeps)
 
-    many = jax.jit(jax.vmap(one))
-    start = jnp.broadcast_to(jnp.asarray(qpos, float), (worlds, len(qpos)))
-    return lambda: many(start)
+        begun = data.replace(qpos=qpos, qvel=qvel)
+        return jax.lax.scan(tick, begun, commands)[0].qpos
+
+    many = jax.jit(jax.vmap(one, in_axes=(0, 0, 1)))
+    given = [jnp.asarray(part, float) for part in (walk.qpos, walk.qvel, walk.command)]
+    return lambda: many(*given)
 
 
 def measure(
@@ -98,27 +113,19 @@ def measure(
         worlds: robots in parallel.
         seconds: simulated time after the settling, s.
     """
-    rows = []
+    world = nominal(tasks.Task(duration=seconds, longest_delay=0.0))
+    walk, rows = recorded(world, worlds), []
     for name in backends:
         kind, _, impl = name.partition("-")
-        world = nominal(tasks.Task(duration=seconds, longest_delay=0.0))
         backend = prepare(world, kind, impl or "jax")
-        policies = jnp.tile(jnp.asarray(THETA0, float), (worlds, 1))
-        keys = jax.random.split(jax.random.key(0), worlds)
 
-        def closed(backend=backend, world=world, policies=policies, keys=keys) -> Any:
-            return backend.outcome(world.values, policies, keys).cost
+        def closed(backend: Backend = backend) -> Any:
+            return backend.outcome(world.values, walk.policies, walk.keys).cost
 
-        bare = (
-            bare_native(world, worlds)
-            if kind == "native"
-            else bare_mjx(world, worlds, impl)
-        )
+        bare = bare_native(walk) if kind == "native" else bare_mjx(walk, impl)
         first, _ = _first(closed), _first(bare)
         closed_s, bare_s = _best(closed), _best(bare)
-        # the bare and the closed native loop stop before the last tick's physics
-        ticks = world.task.ticks - (1 if kind == "native" else 0)
-        steps = worlds * ticks * world.substeps
+        steps = worlds * (world.task.ticks - (kind == "native")) * world.substeps
         rows.append(
             {
                 "backend": name,

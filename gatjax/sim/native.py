@@ -42,7 +42,7 @@ class Native:
     def __init__(self, world: World) -> None:
         self.world = world
         self._where = find_slots(world.model)
-        self._begin = _cpu(self._begin_one, (None, 0, 0))
+        self.begin = _cpu(self._begin_one, (None, 0, 0))
         self._tick = _cpu(self._tick_one, (None, 0, 0, 0, 0, None, 0, 0, 0))
         self._motor = _cpu(self._motor_one, (None, 0, 0, 0, 0))
         self._command = _cpu(self._command_one, (None, 0, 0, 0, 0))
@@ -115,7 +115,7 @@ class Native:
 
     def _run(self, values: Values, policies: Array, keys: Array, keep: Callable) -> Any:
         policies = jnp.asarray(policies, jnp.result_type(float))
-        begin, loop, motor, noise_keys = self._begin(values, policies, keys)
+        begin, loop, motor, noise_keys = self.begin(values, policies, keys)
         physics = self._batch(values, len(policies))
         physics.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
         physics.qpos[:], physics.qvel[:] = begin.qpos, begin.qvel
