@@ -16,6 +16,8 @@ import logging
 import os
 import pathlib
 import shutil
+import signal
+import threading
 from collections.abc import Iterator
 from typing import Any
 
@@ -51,7 +53,7 @@ def save(folder: str | os.PathLike[str], step: int, tree: Any) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
         shutil.rmtree(place, ignore_errors=True)  # the rest of a save that was stopped
-        with _without_tracebacks(), _checkpointer() as checkpointer:
+        with _uninterrupted(), _without_tracebacks(), _checkpointer() as checkpointer:
             checkpointer.save(place, args=orbax.args.StandardSave(_leaves(tree)))
         listing = place / f"{FILES}.part"
         listing.write_text(json.dumps(_digests(place), indent=1), encoding="utf-8")
@@ -62,6 +64,22 @@ def save(folder: str | os.PathLike[str], step: int, tree: Any) -> None:
             f"({_reason(error)}); make room or choose another folder, then resume: "
             f"complete steps are {_steps(folder)}"
         ) from error
+
+
+@contextlib.contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Hold Ctrl-C back for the moment a save takes; orbax's threads do not take it."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    pressed: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, frame: pressed.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if pressed:
+        raise KeyboardInterrupt
 
 
 def latest(folder: str | os.PathLike[str]) -> int | None:
@@ -105,7 +123,7 @@ def restore(
     _check_files(place, found)
     _check_template(place, template)
     try:
-        with _without_tracebacks(), _checkpointer() as checkpointer:
+        with _uninterrupted(), _without_tracebacks(), _checkpointer() as checkpointer:
             stored = checkpointer.restore(
                 place, args=orbax.args.StandardRestore(_leaves(template))
             )

@@ -19,7 +19,7 @@ from gatjax.data.trajectories import to_recording
 from gatjax.grounding import learn as grounders
 from gatjax.report import build_report
 from gatjax.report.page import build_walk_page
-from gatjax.robot.nao import WALKING_JOINTS
+from gatjax.robot.model import joint_names
 from gatjax.settings import LoopSettings, SearchSettings
 from gatjax.sim.backend import use_compile_cache
 from gatjax.sim.poses import states, write_walk
@@ -93,6 +93,7 @@ def collect(verb: verbs.Collect) -> None:
     seeds = range(verb.seed * 1000, verb.seed * 1000 + verb.trajectories)
     trajectory, outcome = robot.walk(policies, seeds, task)
     recording = to_recording(trajectory, robot.name, verb.rate_hz, {"seed": verb.seed})
+    verb.out.parent.mkdir(parents=True, exist_ok=True)
     write_recording(verb.out, recording)
     print(f"{verb.out}: {len(policies)} trajectories, {summary(outcome)}")
 
@@ -113,7 +114,7 @@ def ground(verb: verbs.Ground) -> None:
     robot = read_recording(verb.robot_log, mapping)
     simulator = read_recording(verb.simulator_log)
     for recording in (robot, simulator):
-        check_recording(recording, WALKING_JOINTS)
+        check_recording(recording, joint_names(world.model))
     grounding = loop.learn_grounding(world, verb.method, robot, simulator, verb.seed)
     theta, key = policy_of(verb.policy), jax.random.key(verb.seed)
     grounding = loop.stable(world, grounding, theta, key)
@@ -142,7 +143,7 @@ def search(verb: verbs.Search) -> None:
     key, theta = jax.random.key(verb.seed), policy_of(verb.policy)
     job = loop.Job(verb.out, "search", 0, world, theta, key)
     units = settings.population * settings.rollouts * settings.generations
-    with shown(units) as progress:
+    with shown(float(units)) as progress:
         last = loop.optimise(job, chosen, progress)[-1]
     path = verb.out / "policies" / f"{last.name}.json"
     print(f"{path}: mean of the last generation; try it with gatjax evaluate")

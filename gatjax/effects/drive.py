@@ -22,7 +22,8 @@ def delay(period: float, longest: float) -> Effect:
     """Hand on the target late; params: delay in s, 0 <= delay <= longest.
 
     Between whole calls the two nearest targets are mixed linearly. The weights are built
-    with floor, so that gradients are right at whole calls too.
+    with floor and where, so that gradients are right at whole calls and at both ends too
+    (a clip halves them there).
     """
     slots = int(np.ceil(longest / period - 1e-9)) + 1
 
@@ -34,7 +35,8 @@ def delay(period: float, longest: float) -> Effect:
         xp = namespace_of(signal.target, seconds)
         newest = signal.target[..., None, :]
         held = xp.concatenate([newest, held[..., :-1, :]], axis=-2)
-        calls = xp.clip(seconds / period, 0.0, slots - 1.0)
+        calls, most = seconds / period, slots - 1.0
+        calls = xp.where(calls < 0.0, 0.0, xp.where(calls > most, most, calls))
         whole = xp.floor(calls)
         part = (calls - whole)[..., None, :] if xp.ndim(calls) else calls - whole
         whole = whole[..., None, :] if xp.ndim(calls) else whole
@@ -79,6 +81,11 @@ def speed_limit(period: float) -> Effect:
     return Effect(init, apply)
 
 
+def _beyond(xp: Any, error: Array, half: Array) -> Array:
+    """Part of an error outside the band +-half; its gradient is right at half = 0."""
+    return xp.sign(error) * xp.maximum(xp.abs(error) - half, 0.0)
+
+
 def backlash() -> Effect:
     """Play between motor and link; params: total width in rad, 0 is neutral.
 
@@ -90,8 +97,7 @@ def backlash() -> Effect:
 
     def apply(width: Array, held: Array, signal: Signal) -> tuple[Array, Signal]:
         xp = namespace_of(signal.target, width)
-        half = 0.5 * width
-        held = xp.clip(held, signal.target - half, signal.target + half)
+        held = held + _beyond(xp, signal.target - held, 0.5 * width)
         return held, signal._replace(target=held)
 
     return Effect(init, apply)
@@ -102,8 +108,7 @@ def dead_band() -> Effect:
 
     def change(half: Array, signal: Signal) -> Signal:
         xp = namespace_of(signal.target, half)
-        error = signal.target - signal.angle
-        left = error - xp.clip(error, -half, half)
+        left = _beyond(xp, signal.target - signal.angle, half)
         return signal._replace(target=signal.angle + left)
 
     return memoryless(change)

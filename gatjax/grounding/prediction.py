@@ -71,6 +71,12 @@ def cut(
     seconds = world.task.control_period
     length = WARM + round(HORIZON / seconds)
     names = [f"base.{part}" for part in ("x", "y", "z", "qw", "qx", "qy", "qz")]
+    missing = [name for name in names if name not in recording.columns]
+    if missing:
+        raise ValueError(
+            f"{recording.name}: no column {', '.join(missing)}; replay starts from the "
+            f"torso's pose, so record it (motion capture, or an estimate)"
+        )
     base = np.stack([recording.columns[name] for name in names], axis=-1)
     generator = np.random.default_rng(seed)
     runs = [

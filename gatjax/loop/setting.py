@@ -5,9 +5,10 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
+import numpy as np
 
 from gatjax.grounding.learn import check_method
 from gatjax.records import Array, Outcome, Trajectory
@@ -19,6 +20,7 @@ from gatjax.task import Task, task_at
 SIMULATOR_UNIT, ROBOT_UNIT = 1.0, 12.0  # relative cost of one run, for the time left
 
 
+@runtime_checkable
 class Robot(Protocol):
     """What the loop needs of a robot."""
 
@@ -29,7 +31,7 @@ class Robot(Protocol):
         ...
 
     def walk(
-        self, policies: Array, seeds: Sequence[int], task: Task = ...
+        self, policies: Array, seeds: Sequence[int] | np.ndarray, task: Task = ...
     ) -> tuple[Trajectory, Outcome]:
         """Walk policies [N, 15] with seeds [N], one run each; results [N, ...]."""
         ...

@@ -69,7 +69,7 @@ def slots(model: mujoco.MjModel) -> Slots:
     return Slots(
         position=model.jnt_qposadr[ids],
         velocity=model.jnt_dofadr[ids],
-        gyro=_sensor(model, mujoco.mjtSensor.mjSENS_GYRO),
-        accelerometer=_sensor(model, mujoco.mjtSensor.mjSENS_ACCELEROMETER),
-        force=_sensor(model, mujoco.mjtSensor.mjSENS_TOUCH),
+        gyro=_sensor(model, int(mujoco.mjtSensor.mjSENS_GYRO)),
+        accelerometer=_sensor(model, int(mujoco.mjtSensor.mjSENS_ACCELEROMETER)),
+        force=_sensor(model, int(mujoco.mjtSensor.mjSENS_TOUCH)),
     )

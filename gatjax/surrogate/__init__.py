@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import importlib
-from typing import Any, Protocol
+from collections.abc import Sequence
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -18,6 +19,7 @@ ROBOTS = {
 }
 
 
+@runtime_checkable
 class Robot(Protocol):
     """What every robot offers, simulated or real."""
 
@@ -28,7 +30,7 @@ class Robot(Protocol):
         ...
 
     def walk(
-        self, policies: np.ndarray, seeds: np.ndarray, task: Task = ...
+        self, policies: np.ndarray, seeds: Sequence[int] | np.ndarray, task: Task = ...
     ) -> tuple[Trajectory, Outcome]:
         """Let N robots walk: policies [N, 15], seeds [N]; records [N, T, ...], [N]."""
         ...

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from gatjax.task import Task
 Record = TypeVar("Record", Reading, Base)
 
 
+@runtime_checkable
 class Machine(Protocol):
     """The physics of N robots; angles are the true ones, forces those of the contacts."""
 

@@ -17,6 +17,7 @@ from __future__ import annotations
 import os
 import signal
 from collections import deque
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import lru_cache
 from multiprocessing import get_context
@@ -27,6 +28,7 @@ import numpy as np
 
 from gatjax import task as tasks
 from gatjax.records import FORCE_SENSORS, JOINTS, Base, Outcome, Reading, Trajectory
+from gatjax.robot import nao
 from gatjax.surrogate import course
 from gatjax.surrogate.e1 import E1, Body, draw_body, inertials, nominal, published
 from gatjax.surrogate.servo import COUPLED, encode, error, servo, torque
@@ -269,7 +271,7 @@ class Dart:
         return published("DART, 1 ms", draw_body(self.body_seed))
 
     def walk(
-        self, policies: np.ndarray, seeds: np.ndarray, task: Task | None = None
+        self, policies: np.ndarray, seeds: Sequence[int] | np.ndarray, task: Task | None = None
     ) -> tuple[Trajectory, Outcome]:
         """Let N robots walk.
 

@@ -11,6 +11,7 @@ gear 0, which moves nothing and whose force is the command that has arrived.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
 from functools import lru_cache
 
 import mujoco
@@ -269,7 +270,7 @@ class Stiff:
         return published("MuJoCo C, 0.5 ms", draw_body(self.body_seed))
 
     def walk(
-        self, policies: np.ndarray, seeds: np.ndarray, task: Task | None = None
+        self, policies: np.ndarray, seeds: Sequence[int] | np.ndarray, task: Task | None = None
     ) -> tuple[Trajectory, Outcome]:
         """Let N robots walk: policies [N, 15], seeds [N]; records [N, T, ...], [N]."""
         task = task or Task()

@@ -1,0 +1,176 @@
+"""The command line: help that teaches, errors that are one line, honest exit codes."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from gatjax import runs
+from gatjax.cli import main
+from gatjax.cli.arguments import VERBS, parse
+from gatjax.data.recording import Recording, write_recording
+from gatjax.robot.nao import WALKING_JOINTS
+from gatjax.settings import DEMO, PAPER
+from gatjax.walk.parameters import THETA0
+
+GATJAX = [sys.executable, "-m", "gatjax.cli"]
+
+
+def one_line(capsys, arguments):
+    """Run the command line; return its exit code and the one line on stderr."""
+    code = main(arguments)
+    error = capsys.readouterr().err.strip().splitlines()
+    error = [line for line in error if not line.startswith("[")]  # progress
+    assert len(error) == 1, error
+    assert error[0].startswith("gatjax: ")
+    return code, error[0]
+
+
+@pytest.mark.parametrize("verb", sorted(VERBS))
+def test_every_verb_has_help(verb, capsys):
+    with pytest.raises(SystemExit) as stopped:
+        parse([verb, "--help"])
+    assert stopped.value.code == 0
+    assert VERBS[verb].__doc__.split("\n")[0].rstrip(".") in " ".join(
+        capsys.readouterr().out.split()
+    )
+
+
+def test_presets_set_the_defaults_and_flags_override_them():
+    assert parse(["run"]).loop == DEMO
+    assert parse(["run", "--preset", "paper"]).loop == PAPER
+    chosen = parse(["run", "--preset=paper", "--generations", "3"]).loop.search
+    assert (chosen.population, chosen.rollouts, chosen.generations) == (150, 20, 3)
+
+
+def log(path, spoil=None):
+    time = np.arange(300) * 0.02
+    columns = {}
+    for joint in WALKING_JOINTS:
+        columns[f"command.{joint}"] = 0.1 * np.sin(time)
+        columns[f"position.{joint}"] = 0.1 * np.sin(time)
+    if spoil is not None:
+        columns[spoil] = columns[spoil].copy()
+        columns[spoil][17] = np.nan
+    trajectory = np.zeros(300, int)
+    metadata = {"robot": "nao", "base": "floating", "rate_hz": 50.0}
+    write_recording(path, Recording("x", time, trajectory, columns, metadata))
+    return str(path)
+
+
+def policy(path, **changes):
+    runs.write_policy(path.parent, path.stem, THETA0, {})
+    text = json.loads(path.read_text())
+    for key, value in changes.items():
+        if key in text["parameters"]:
+            text["parameters"][key]["value"] = value
+        else:
+            text[key] = value
+    path.write_text(json.dumps(text))
+    return str(path)
+
+
+def test_bad_policies(tmp_path, capsys):
+    cases = [
+        ({"walk_hip_height": 0.5}, "walk_hip_height"),
+        ({"arm_swing": float("nan")}, "arm_swing"),
+        ({"robot": "pepper"}, "pepper"),
+    ]
+    for changes, word in cases:
+        path = policy(tmp_path / "p.json", **changes)
+        code, line = one_line(capsys, ["evaluate", "--policies", path, "--runs", "1"])
+        assert code == 1
+        assert word in line
+
+
+def test_missing_files(tmp_path, capsys):
+    missing = str(tmp_path / "no.json")
+    for arguments in (
+        ["evaluate", "--policies", missing],
+        ["evaluate", "--robot", "simulator", "--world", missing],
+        ["report", "--run", missing],
+        ["run", "--resume", "--out", str(tmp_path / "runs")],
+        ["run", "--robot", "pepper", "--out", str(tmp_path / "runs")],
+    ):
+        code, line = one_line(capsys, arguments)
+        assert code == 1
+        assert str(tmp_path) in line or "pepper" in line
+
+
+def test_a_nan_in_a_log_is_named(tmp_path, capsys):
+    good = log(tmp_path / "good.parquet")
+    bad = log(tmp_path / "bad.parquet", spoil="position.LKneePitch")
+    out = tmp_path / "out"
+    arguments = ["ground", "--robot-log", bad, "--simulator-log", good, "--out", str(out)]
+    code, line = one_line(capsys, arguments)
+    assert code == 1
+    assert "bad.parquet" in line and "row 18, column 'position.LKneePitch'" in line
+    assert not out.exists()
+
+
+def test_worlds_that_can_not_be(tmp_path, capsys):
+    effects = [{"cause": "blacklash", "where": ["LKneePitch"], "values": {"width": 0.1}}]
+    path = tmp_path / "world.json"
+    world = {"schema": "gatjax.world/1", "model": "nao", "effects": effects}
+    path.write_text(json.dumps(world))
+    arguments = ["evaluate", "--robot", "simulator", "--world", str(path)]
+    code, line = one_line(capsys, arguments)
+    assert code == 1
+    assert "blacklash" in line and "backlash" in line
+    effects[0] |= {"cause": "backlash", "where": ["LKnee"]}
+    path.write_text(json.dumps(world))
+    code, line = one_line(capsys, arguments)
+    assert code == 1
+    assert "LKnee" in line and "LKneePitch" in line
+
+
+def test_warp_without_a_gpu(tmp_path, capsys):
+    arguments = ["run", "--backend", "mjx", "--impl", "warp", "--out", str(tmp_path)]
+    code, line = one_line(capsys, arguments)
+    assert code == 1
+    assert "warp" in line
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_truncated_checkpoint(tmp_path, capsys):
+    arguments = [
+        "search", "--out", str(tmp_path), "--population", "4", "--rollouts", "1",
+        "--generations", "1", "--backend", "native",
+    ]  # fmt: skip
+    assert main(arguments) == 0
+    capsys.readouterr()
+    files = [p for p in (tmp_path / "checkpoints").rglob("*") if p.is_file()]
+    biggest = max(files, key=lambda path: path.stat().st_size)
+    biggest.write_bytes(biggest.read_bytes()[:-7])
+    arguments[arguments.index("--generations") + 1] = "2"
+    code, line = one_line(capsys, arguments)
+    assert code == 1
+    assert "checkpoints" in line
+
+
+def test_ctrl_c_in_a_generation_loses_nothing(tmp_path):
+    arguments = [
+        "search", "--out", str(tmp_path), "--population", "16", "--rollouts", "4",
+        "--generations", "50", "--backend", "native",
+    ]  # fmt: skip
+    process = subprocess.Popen(
+        [*GATJAX, *arguments], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    policies = tmp_path / "policies"
+    while not list(policies.glob("search_0_1_*.json")):
+        assert process.poll() is None
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, error = process.communicate(timeout=120)
+    assert process.returncode == 130
+    assert "Traceback" not in error
+    kept = {path.name: path.read_bytes() for path in policies.iterdir()}
+    generations = max(int(name.split("_")[2]) for name in kept) + 1
+    arguments[arguments.index("--generations") + 1] = str(generations + 1)
+    subprocess.run([*GATJAX, *arguments], check=True, capture_output=True)
+    for name, content in kept.items():
+        assert (policies / name).read_bytes() == content

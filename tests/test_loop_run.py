@@ -1,0 +1,149 @@
+"""The loop: complete, resumable after any stop, and the same numbers either way."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+from gatjax import loop, runs
+from gatjax.report import build_report
+from gatjax.settings import LoopSettings, SearchSettings
+from gatjax.sim.world import add_cause, nominal
+from gatjax.task import Task
+
+SETTINGS = LoopSettings(
+    methods=("none", "gat"),
+    robot_trajectories=5,
+    simulator_trajectories=5,
+    evaluations=2,
+    search=SearchSettings(population=4, rollouts=2, generations=2),
+    iterations=1,
+    backend="native",
+)
+
+
+class Late(loop.Simulator):
+    """A robot that answers late: quick to simulate, different from the simulator."""
+
+    name = "late"
+
+    def __init__(self):
+        super().__init__(add_cause(nominal(Task()), "command_delay", ["all"], 0.03))
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return Late()
+
+
+def quiet(stop_at=None):
+    """Progress that says nothing, or stops the loop as Ctrl-C does."""
+
+    def stage(text):
+        if text == stop_at:
+            raise KeyboardInterrupt
+
+    return loop.Progress(stage=stage, work=lambda units: None)
+
+
+def without_seconds(path):
+    rows = runs.read_table(path)
+    key = ("method", "iteration", "generation", "candidate")
+    rows.sort(key=lambda row: tuple(row[name] for name in key))
+    return [{k: v for k, v in row.items() if k != "seconds"} for row in rows]
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory, robot):
+    folder = runs.open_run(tmp_path_factory.mktemp("runs"), SETTINGS).path
+    loop.run(folder, SETTINGS, robot, quiet())
+    return folder
+
+
+def test_a_run_leaves_what_the_contract_says(done):
+    rows = without_seconds(done / "metrics.csv")
+    assert len(rows) == 1 + 2 * 2 * 2  # theta0; methods x generations x best, mean
+    assert all(row["robot_rollouts"] for row in rows)
+    searched = [row for row in rows if row["method"] != "theta0"]
+    assert all(row["simulator_velocity_m_s"] is not None for row in searched)
+    assert len(runs.read_table(done / "evaluations.csv")) == 4 + 8 * 2
+    horizons = {row["horizon_s"] for row in runs.read_table(done / "prediction.csv")}
+    assert horizons == {0.02, 0.5}
+    for name in ("theta0", "gat_0_1_best", "none_0_0_mean"):
+        assert runs.read_policy(done / "policies" / f"{name}.json").shape == (15,)
+    for name in ("recordings/robot_0.parquet", "recordings/simulator_0.parquet"):
+        assert (done / name).is_file()
+    assert (done / "walks" / "gat_best_robot.npz").is_file()
+    assert build_report(done).stat().st_size > 50_000
+
+
+@pytest.mark.parametrize(
+    "stop_at", ["gat: generation 2 of 2", "gat: walk on the robot", "gat: ground the simulator"]
+)
+def test_a_stopped_run_goes_on_with_the_same_numbers(stop_at, done, robot, tmp_path):
+    folder = tmp_path / "run"
+    shutil.copytree(done, folder)
+    for path in folder.glob("**/gat_*"):
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
+    for name in ("metrics.csv", "evaluations.csv", "prediction.csv"):
+        lines = (folder / name).read_text().splitlines(keepends=True)
+        (folder / name).write_text("".join(x for x in lines if not x.startswith("gat")))
+    with pytest.raises(KeyboardInterrupt):
+        loop.run(folder, SETTINGS, robot, quiet(stop_at))
+    loop.run(folder, SETTINGS, robot, quiet())
+    assert without_seconds(folder / "metrics.csv") == without_seconds(
+        done / "metrics.csv"
+    )
+    for path in (done / "policies").glob("*.json"):
+        np.testing.assert_array_equal(
+            runs.read_policy(path), runs.read_policy(folder / "policies" / path.name)
+        )
+
+
+def test_a_finished_run_does_nothing_again(done, tmp_path):
+    class Idle:
+        name = "late"
+
+        def constants(self):
+            return {}
+
+        def walk(self, policies, seeds, task=None):
+            raise AssertionError("the robot must not walk again")
+
+    folder = tmp_path / "run"
+    shutil.copytree(done, folder)
+    loop.run(folder, SETTINGS, Idle(), quiet())
+
+
+def test_a_second_iteration_starts_from_the_best_walk(robot, tmp_path):
+    settings = LoopSettings(
+        methods=("gat",), robot_trajectories=4, simulator_trajectories=4, evaluations=1,
+        search=SearchSettings(population=4, rollouts=1, generations=1), iterations=2,
+        backend="native",
+    )  # fmt: skip
+    folder = runs.open_run(tmp_path, settings).path
+    loop.run(folder, settings, robot, quiet())
+    names = sorted(path.name for path in (folder / "recordings").iterdir())
+    assert names == [
+        "robot_0.parquet", "robot_1_gat.parquet",
+        "simulator_0.parquet", "simulator_1_gat.parquet",
+    ]  # fmt: skip
+    iterations = {row["iteration"] for row in runs.read_table(folder / "metrics.csv")}
+    assert iterations == {0, 1}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"methods": ("gatt",)}, "method 'gatt' is unknown; choose from"),
+        ({"methods": ("gat", "gat")}, "name one twice"),
+        ({"evaluations": 0}, "evaluations is 0; use 1 or more"),
+        ({"robot_trajectories": 1}, "robot_trajectories is 1; use 4 or more"),
+        ({"rate_hz": 60.0}, "rate 60.0 Hz is unknown; choose from"),
+        ({"backend": "gpu"}, "backend 'gpu' is unknown; choose from"),
+        ({"backend": "mjx", "impl": "warp"}, "warp"),
+    ],
+)
+def test_wrong_settings_are_refused_before_any_work(change, message):
+    with pytest.raises(ValueError, match=message):
+        loop.resolved(LoopSettings(**change))
