@@ -13,8 +13,8 @@
 # %% [markdown]
 # # A tour of gatjax
 #
-# A robot behaves differently from its simulator. This notebook takes the files of a run,
-# lets the simulator learn from them, and searches for a walk in what it has learned.
+# A robot behaves differently from its simulator. This notebook takes the files of a
+# run, lets the simulator learn from them, and searches for a walk in what it learned.
 #
 # To open it: `jupytext --to ipynb notebooks/tour.py`. It reads the latest run in
 # `runs/` (`make run` makes one) and, where there is none, makes a tiny one first.
@@ -56,9 +56,9 @@ def tiny_run(root: Path) -> Path:
         LoopSettings(
             robot="stiff",
             methods=("gat",),
-            robot_trajectories=6,
-            simulator_trajectories=6,
-            evaluations=2,
+            robot_trajectories=5,
+            simulator_trajectories=5,
+            evaluations=1,
             search=SearchSettings(population=6, rollouts=2, generations=2),
             backend="native",
         )
@@ -119,8 +119,8 @@ figure.tight_layout()
 # ## Grounding
 #
 # GAT learns two models: what the robot does with an action, and which action makes the
-# simulator do the same. Together they are a command effect: it sits between the walk and
-# the simulator. Its share `alpha` is the largest with which theta0 stays on its feet.
+# simulator do the same. Together they are a command effect: it sits between the walk
+# and the simulator. Its share `alpha` is the largest with which theta0 does not fall.
 
 # %%
 grounding = loop.learn_grounding(world, "gat", *logs, seed=config["seed"])
@@ -176,7 +176,7 @@ print(f"costs {np.round(np.sort(info.costs), 3)}")
 # %% [markdown]
 # ## Policies and metrics
 #
-# What the run kept: a policy file for each candidate, and a row for it in `metrics.csv`.
+# What the run kept: a policy file for each candidate, and its row in `metrics.csv`.
 
 # %%
 rows = runs.read_table(folder / "metrics.csv")

@@ -1,19 +1,19 @@
+import json
 import pathlib
 import re
 
 import mujoco
 import numpy as np
-import pytest
 
 from gatjax import task as tasks
 from gatjax.data.mapping import read_map
-from gatjax.data.recording import Recording, check_recording, read_recording
-from gatjax.data.recording import write_recording
+from gatjax.data.recording import check_recording, read_recording
 from gatjax.records import JOINTS, Base, Reading
 from gatjax.robot.model import slots
 from gatjax.settings import LoopSettings, SearchSettings
 from gatjax.sim.episode import observe
 from gatjax.sim.world import nominal
+from gatjax.surrogate import make_robot
 from gatjax.walk.parameters import THETA0
 
 ROOT = pathlib.Path(__file__).parents[1]
@@ -50,13 +50,6 @@ class Link:
         mujoco.mj_step(self.world.model, self.data, self.world.substeps)
 
 
-@pytest.fixture(scope="module")
-def my_nao():
-    names = {"connect": Link}
-    exec(blocks("python")[1], names)
-    return names["MyNao"]
-
-
 def test_api_example_runs(capsys):
     sizes = "runs, seconds, population, generations = 30, 7.5, 40, 5"
     small = "runs, seconds, population, generations = 4, 1.5, 4, 2"
@@ -72,16 +65,21 @@ def test_api_example_is_short():
     assert len([line for line in code if "import" not in line]) <= 25
 
 
-def test_own_robot_walks(my_nao):
-    task = tasks.Task(duration=3.0)
-    trajectory, outcome = my_nao().walk(np.tile(THETA0, (2, 1)), [0, 1], task)
+def test_own_robot_walks():
+    names = {"connect": Link}
+    exec(blocks("python")[1], names)
+    task = tasks.Task(duration=1.5)
+    robot = names["MyNao"]()
+    trajectory, outcome = robot.walk(np.tile(THETA0, (2, 1)), [0, 1], task)
     assert trajectory.command.shape == (2, task.ticks, len(JOINTS))
     assert isinstance(trajectory.reading, Reading) and isinstance(trajectory.base, Base)
     assert np.isinf(outcome.fell_at).all()
     assert (outcome.velocity > 0.1).all()  # theta0 walks 0.2 m/s once it is up to speed
+    assert json.loads(json.dumps(robot.constants()))
+    assert robot.name == "my-nao"
 
 
-def test_own_robot_goes_through_the_loop(my_nao, tmp_path, monkeypatch):
+def test_loop_example_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     tiny = LoopSettings(
         methods=("none",),
@@ -91,9 +89,9 @@ def test_own_robot_goes_through_the_loop(my_nao, tmp_path, monkeypatch):
         search=SearchSettings(population=4, rollouts=1, generations=1),
         backend="native",
     )
-    names = {"MyNao": my_nao, "TINY": tiny}
+    names = {"MyNao": lambda: make_robot("stiff"), "TINY": tiny}
     exec(replaced(blocks("python")[2], "resolved(DEMO)", "resolved(TINY)"), names)
-    assert "my-nao" in (names["folder"] / "report.html").read_text(encoding="utf-8")
+    assert "theta0" in (names["folder"] / "report.html").read_text(encoding="utf-8")
 
 
 def test_map_example_translates(tmp_path):

@@ -113,6 +113,22 @@ def test_the_replay_of_the_simulator_itself_is_nearly_exact(world, logs):
     assert max(error.values()) < np.deg2rad(0.6)
 
 
+def test_a_log_without_the_torso_pose_will_do(world, logs):
+    """A real NAO does not know where its torso is; its posture tells enough."""
+    log = logs["twin"]
+    columns = {k: v for k, v in log.columns.items() if not k.startswith("base.")}
+    guessed = prediction.base_poses(world, log._replace(columns=columns))
+    known = prediction.base_poses(world, log)
+    assert np.abs(guessed[:, 2] - known[:, 2]).max() < 0.01
+    found = []
+    for recording in (log, log._replace(columns=columns)):
+        windows = prediction.cut(world, recording, np.arange(RUNS), 60, 0)
+        backend = prepare(world, "native")
+        error = prediction.errors(backend, world.values, windows, 0.02)
+        found.append(max(v for (_, horizon), v in error.items() if horizon == 0.02))
+    assert found[1] < np.deg2rad(1.0)
+
+
 @pytest.mark.parametrize("method", grounders.METHODS)
 def test_a_grounding_survives_its_folder(method, world, logs, tmp_path):
     grounding = learn_grounding(world, method, logs["late"], logs["simulator"], 0)

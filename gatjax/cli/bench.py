@@ -28,7 +28,7 @@ from gatjax.walk.parameters import THETA0
 REPEATS = 3
 
 
-def _best(run: Callable[[], Any]) -> float:
+def fastest(run: Callable[[], Any]) -> float:
     """Seconds of the fastest of some calls."""
     seconds = []
     for _ in range(REPEATS):
@@ -124,7 +124,7 @@ def measure(
 
         bare = bare_native(walk) if kind == "native" else bare_mjx(walk, impl)
         first, _ = _first(closed), _first(bare)
-        closed_s, bare_s = _best(closed), _best(bare)
+        closed_s, bare_s = fastest(closed), fastest(bare)
         steps = worlds * (world.task.ticks - (kind == "native")) * world.substeps
         rows.append(
             {

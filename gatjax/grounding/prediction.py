@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import mujoco
 import numpy as np
 
 from gatjax.data.recording import Recording
@@ -56,6 +57,43 @@ def _state(world: World, angle: Array, base: Array, seconds: float) -> tuple:
     return qpos, qvel
 
 
+def base_poses(world: World, recording: Recording) -> Array:
+    """Torso poses [N, 7] of a recording: position m, quaternion w x y z.
+
+    A robot seldom knows them. Where the recording has no `base.*` columns, the torso has
+    the attitude of `orientation.roll` and `.pitch` (upright without them), the lower sole
+    stands on the floor, and the torso does not travel: good enough for half a second.
+    """
+    names = [f"base.{part}" for part in ("x", "y", "z", "qw", "qx", "qy", "qz")]
+    columns = recording.columns
+    if all(name in columns for name in names):
+        return np.stack([columns[name] for name in names], axis=-1)
+    level = np.zeros(len(recording.time))
+    roll, pitch = (columns.get(f"orientation.{k}", level) for k in ("roll", "pitch"))
+    base = np.zeros((len(level), 7))
+    base[:, 3] = np.cos(roll / 2) * np.cos(pitch / 2)
+    base[:, 4] = np.sin(roll / 2) * np.cos(pitch / 2)
+    base[:, 5] = np.cos(roll / 2) * np.sin(pitch / 2)
+    base[:, 6] = -np.sin(roll / 2) * np.sin(pitch / 2)
+    base[:, 2] = _standing_height(world.model, base, recording)
+    return base
+
+
+def _standing_height(model: mujoco.MjModel, base: Array, recording: Recording) -> Array:
+    """Torso height [N] m that puts the lowest collision sphere on the floor."""
+    angle = np.stack([recording.columns[f"position.{name}"] for name in JOINTS], -1)
+    slots = model.jnt_qposadr[model.actuator_trnid[:, 0]]
+    follower, leader = coupled(model)
+    feet = (model.geom_conaffinity > 0) & (model.geom_bodyid > 0)
+    data, height = mujoco.MjData(model), np.zeros(len(base))
+    for row in range(len(base)):
+        data.qpos[:7], data.qpos[slots] = base[row], angle[row]
+        data.qpos[follower] = data.qpos[leader]
+        mujoco.mj_kinematics(model, data)
+        height[row] = -(data.geom_xpos[feet, 2] - model.geom_size[feet, 0]).min()
+    return height
+
+
 def cut(
     world: World, recording: Recording, held_out: Array, count: int, seed: int
 ) -> Windows:
@@ -63,21 +101,14 @@ def cut(
 
     Args:
         world: whose model is replayed; its control period must be the recording's.
-        recording: of a floating-base robot, with `base.*` columns.
+        recording: of a floating-base robot.
         held_out: ids of trajectories that nothing was fitted to.
         count: windows in all.
         seed: of the draw.
     """
     seconds = world.task.control_period
     length = WARM + round(HORIZON / seconds)
-    names = [f"base.{part}" for part in ("x", "y", "z", "qw", "qx", "qy", "qz")]
-    missing = [name for name in names if name not in recording.columns]
-    if missing:
-        raise ValueError(
-            f"{recording.name}: no column {', '.join(missing)}; replay starts from the "
-            f"torso's pose, so record it (motion capture, or an estimate)"
-        )
-    base = np.stack([recording.columns[name] for name in names], axis=-1)
+    base = base_poses(world, recording)
     generator = np.random.default_rng(seed)
     runs = [
         (run, base[recording.trajectory == run.trajectory])

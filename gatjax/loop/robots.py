@@ -29,7 +29,10 @@ class Simulator:
         return {"model": self.world.source, "causes": list(self.world.causes)}
 
     def walk(
-        self, policies: Array, seeds: Sequence[int] | np.ndarray, task: Task | None = None
+        self,
+        policies: Array,
+        seeds: Sequence[int] | np.ndarray,
+        task: Task | None = None,
     ) -> tuple[Trajectory, Outcome]:
         """Walk policies [N, 15] with seeds [N]."""
         if task is not None and task != self.world.task:

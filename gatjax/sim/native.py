@@ -95,6 +95,8 @@ class Native:
         world = self.world
         body = world.values._replace(body=values.body)
         model = fields_applied(type(world)(**{**vars(world), "values": body}))
+        # A run that diverges must stay so: MuJoCo would set it up again, standing.
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         return batch.Batch(model, nsim=size)
 
     def _advance(

@@ -18,7 +18,7 @@ Record = TypeVar("Record", Reading, Base)
 
 @runtime_checkable
 class Machine(Protocol):
-    """The physics of N robots; angles are the true ones, forces those of the contacts."""
+    """The physics of N robots; it knows true angles and true contact forces."""
 
     def sense(self) -> Reading:
         """Return what was true one sensor delay ago, [N, ...]."""

@@ -1,15 +1,10 @@
 """The stand-in robot `dart`: a NAO in DART, the engine that Gazebo runs, at 1 ms.
 
-Built from the numbers of the nominal MuJoCo model, so there is one source of truth; the
-contact (rigid, LCP), dry friction (in the same LCP) and integrator are DART's own. What DART lacks is written here:
-
-- Rotor inertia is folded into the child link about the joint axis.
-- The servo runs at 1 ms, explicitly: one motor step is far below its time constants.
-- One motor for both hip-yaw-pitch joints: a stiff shaft between them (0.2 deg at 2 N m).
-- The uneven floor: below each of the eight sole spheres lies a small plate that follows
-  it and is the tangent plane of the height map there. A sphere of 5 mm on a grid of 30 mm
-  touches nothing else, so this is the height map's contact, not an approximation by
-  random steps.
+The contact (LCP), dry friction (in the same LCP) and integrator are DART's own; links
+and floor are those of `skeleton.py`, built from the nominal model's numbers. The servo
+is written out at 1 ms, explicitly: a step is far below its time constants. The one
+motor of both hip-yaw-pitch joints sits on the left; a stiff shaft turns the right one
+(0.2 deg at 2 N m; dartpy's coupled mimic joints proved unstable at 1 ms).
 """
 
 from __future__ import annotations
@@ -27,69 +22,17 @@ import mujoco
 import numpy as np
 
 from gatjax import task as tasks
-from gatjax.records import FORCE_SENSORS, JOINTS, Base, Outcome, Reading, Trajectory
-from gatjax.robot import nao
+from gatjax.records import JOINTS, Base, Outcome, Reading, Trajectory
 from gatjax.surrogate import course
-from gatjax.surrogate.e1 import E1, Body, draw_body, inertials, nominal, published
+from gatjax.surrogate.e1 import E1, Body, draw_body, nominal, published
 from gatjax.surrogate.servo import COUPLED, encode, error, servo, torque
+from gatjax.surrogate.skeleton import TORSO, Ground, Rotors, World, skeleton
 from gatjax.surrogate.start import Floor, Run, draw_floor, draw_run, first_state
 from gatjax.task import Task
 
 STEP = 0.001  # s, physics and servo
 SHAFT_STIFFNESS, SHAFT_DAMPING = 500.0, 0.5  # N m/rad, N m s/rad, between the hips
-PLATE = 0.02  # m, side of the plates under the sole corners
-FEET = ("LFoot", "RFoot")
-
-
-def _frame(position: np.ndarray, quaternion: np.ndarray) -> dartpy.math.Isometry3:
-    matrix = np.zeros(9)
-    mujoco.mju_quat2Mat(matrix, quaternion)
-    return dartpy.math.Isometry3(matrix.reshape(3, 3), position)
-
-
-def skeleton(body: Body) -> dartpy.dynamics.Skeleton:
-    """Build a drawn robot; joints and links carry their names in the nominal model."""
-    model, weights = nominal(), inertials(body)
-    robot = dartpy.dynamics.Skeleton("nao")
-    nodes = {}
-    for link in range(1, model.nbody):
-        inertia = weights.inertia[link - 1].copy()
-        parent = model.body_parentid[link]
-        if parent == 0:
-            joint, node = robot.createFreeJointAndBodyNodePair()
-        else:
-            joint, node = robot.createRevoluteJointAndBodyNodePair(nodes[parent])
-            slot = model.body_jntadr[link]
-            axis = model.jnt_axis[slot]
-            joint.setName(model.joint(slot).name)
-            joint.setAxis(axis)
-            frame = _frame(model.body_pos[link], model.body_quat[link])
-            joint.setTransformFromParentBodyNode(frame)
-            rotor = model.dof_armature[model.jnt_dofadr[slot]]
-            inertia += rotor * np.outer(axis, axis)
-        node.setName(model.body(link).name)
-        mass, centre = weights.mass[link - 1], weights.centre[link - 1]
-        node.setInertia(dartpy.dynamics.Inertia(mass, centre, inertia))
-        nodes[link] = node
-    return robot
-
-
-def _solid(node: dartpy.dynamics.BodyNode, shape: dartpy.dynamics.Shape, place) -> None:
-    """Give a link a shape that touches things, `place` [3] m in the link's frame."""
-    part = node.createShapeNode(shape)
-    part.createCollisionAspect()
-    part.createDynamicsAspect().setFrictionCoeff(E1.floor_friction)
-    part.setRelativeTranslation(place)
-
-
-def plates() -> dartpy.dynamics.Skeleton:
-    """Build the eight pieces of floor, one for each sole corner, top at their origin."""
-    ground = dartpy.dynamics.Skeleton("floor")
-    for _ in FORCE_SENSORS:
-        _, node = ground.createFreeJointAndBodyNodePair()
-        _solid(node, dartpy.dynamics.BoxShape([PLATE] * 3), [0.0, 0.0, -0.5 * PLATE])
-    ground.setMobile(False)
-    return ground
+FOLLOWER = "RHipYawPitch"
 
 
 class Nao:
@@ -100,25 +43,20 @@ class Nao:
     ) -> None:
         """Put a robot down with joint angles `pose` [J] rad."""
         model = nominal()
-        self.body, self.floor, self.patch = body, floor, run.patch
+        self.body, self.patch = body, run.patch
         self.substeps = round(task.control_period / STEP)
-        self.robot, self.ground = skeleton(body), plates()
-        self.torso = self.robot.getBodyNode("torso")
-        self.feet = [self.robot.getBodyNode(name) for name in FEET]
-        geoms = [model.geom(name).id for name in FORCE_SENSORS]
-        self.corners = model.geom_pos[geoms].reshape(2, 4, 3)
-        radius = float(model.geom_size[geoms[0], 0])
-        for foot, corners in zip(self.feet, self.corners, strict=True):
-            for corner in corners:
-                _solid(foot, dartpy.dynamics.SphereShape(radius), corner)
+        self.robot = skeleton(body)
+        self.ground = Ground(floor, self.robot)
+        self.torso = self.robot.getBodyNode(TORSO)
         self._wire(model)
         self.world = dartpy.simulation.World()
         self.world.setTimeStep(STEP)
         self.world.setGravity(model.opt.gravity)
         self.world.setCollisionDetector(dartpy.collision.DARTCollisionDetector())
         self.world.addSkeleton(self.robot)
-        self.world.addSkeleton(self.ground)
+        self.world.addSkeleton(self.ground.skeleton)
         self._place(*first_state(pose, run, floor))
+        self.rotors = Rotors(self.robot)
         self._prepare(pose)
 
     def _wire(self, model: mujoco.MjModel) -> None:
@@ -126,10 +64,10 @@ class Nao:
         count = self.robot.getNumDofs()
         names = [self.robot.getDof(index).getName() for index in range(count)]
         self.slots = np.array([names.index(name) for name in JOINTS])
-        self.twin = names.index("RHipYawPitch")
+        self.twin = names.index(FOLLOWER)
         self.motors = servo(E1)
         for name in names[6:]:
-            motor = JOINTS.index(name.replace("RHipYawPitch", "LHipYawPitch"))
+            motor = JOINTS.index(name.replace(FOLLOWER, JOINTS[COUPLED]))
             sides = 2 if motor == COUPLED else 1  # one motor, friction on both sides
             self.robot.getJoint(name).setCoulombFriction(
                 0, self.motors.friction[motor] / sides
@@ -154,29 +92,20 @@ class Nao:
         self.lag = round(E1.sensor_delay / STEP)
         self.queue: deque = deque()
         self.target = pose
-        self.spheres = np.zeros((8, 3))
         self.seen: deque = deque([(-self.lag, self._look())])
 
     def _look(self) -> Reading:
         """Return what the sensors feel now, without errors."""
         angle = self.robot.getPositions()[self.slots]
         turn = self.torso.getWorldTransform().rotation().T
-        frame = dartpy.dynamics.Frame.World()
-        pull = self.torso.getLinearAcceleration(self.imu, frame, frame)
+        world = World()
+        pull = self.torso.getLinearAcceleration(self.imu, world, world)
         return Reading(
             angle=angle,
             gyro=turn @ self.torso.getAngularVelocity(),
             accelerometer=turn @ (pull - self.world.getGravity()),
-            force=self._forces(),
+            force=self.ground.forces(self.world.getLastCollisionResult().getContacts()),
         )
-
-    def _forces(self) -> np.ndarray:
-        """Forces on the eight sole corners, N, along the floor's normal."""
-        force = np.zeros(8)
-        for contact in self.world.getLastCollisionResult().getContacts():
-            near = np.argmin(((self.spheres - contact.point) ** 2).sum(-1))
-            force[near] += abs(contact.force @ contact.normal)
-        return force
 
     def sense(self) -> Reading:
         """Return what was true one sensor delay ago; see `course.Machine`."""
@@ -217,22 +146,10 @@ class Nao:
         force[left] -= shaft
         force[twin] += shaft
         self.robot.setForces(force)
-        self._lay_plates()
+        self.rotors.act(STEP)
+        self.ground.lay()
         self.world.step()
         self.step += 1
-
-    def _lay_plates(self) -> None:
-        """Move each plate under its sole corner, tangent to the floor."""
-        for foot, corners, spheres in zip(
-            self.feet, self.corners, (self.spheres[:4], self.spheres[4:]), strict=True
-        ):
-            frame = foot.getWorldTransform()
-            spheres[:] = corners @ frame.rotation().T + frame.translation()
-        place = np.zeros((8, 6))  # rotation vector, position
-        place[:, 3:5] = self.spheres[:, :2]
-        place[:, 5], slope = self.floor.at(self.spheres[:, :2])
-        place[:, 0], place[:, 1] = slope[:, 1], -slope[:, 0]
-        self.ground.setPositions(place.ravel())
 
 
 @lru_cache(maxsize=4)
@@ -271,7 +188,10 @@ class Dart:
         return published("DART, 1 ms", draw_body(self.body_seed))
 
     def walk(
-        self, policies: np.ndarray, seeds: Sequence[int] | np.ndarray, task: Task | None = None
+        self,
+        policies: np.ndarray,
+        seeds: Sequence[int] | np.ndarray,
+        task: Task | None = None,
     ) -> tuple[Trajectory, Outcome]:
         """Let N robots walk.
 

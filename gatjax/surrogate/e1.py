@@ -1,6 +1,6 @@
-"""What the stand-in robots hide: the published constants E1, and bodies drawn from them.
+"""What the stand-in robots hide: the constants E1, and bodies drawn from them.
 
-Sources: [F] feasibility study of gatjax, walk_feasibility.md section 3 ("E1"), where the
+Sources: [F] feasibility study of gatjax, walk_feasibility.md section 3 ("E1"), where
 values were chosen before any method of this project was compared on them; the figures
 behind it: [BH] B-Human code release 2025, [ND] NaoDevils 2024, [URDF] naoV50 effort,
 [S6] NAO6 datasheet, [HULKs] simulator noise, [SPL] SimSpark naov4 hinge friction.

@@ -1,8 +1,8 @@
-"""The servo of the stand-in robots: voltage clamp, torque-speed line, play, dry friction.
+"""The servo of the stand-in robots: voltage clamp, torque-speed line, play, friction.
 
-    error   = target - encoder, less the dead band of the play
-    push    = gain error, within what the clamped voltage can drive at standstill
-    torque  = push - damping velocity (back EMF), within the net torque limit
+- error = target - encoder, less the dead band of the play
+- push = gain error, within what the clamped voltage can drive at standstill
+- torque = push - damping velocity (back EMF), within the net torque limit
 """
 
 from __future__ import annotations

@@ -36,7 +36,7 @@ LINE = "command."  # prefix of the delay lines
 FLOOR_BASE = 0.1  # m, thickness of the floor under its lowest point
 
 
-def _numbers(*values: float) -> str:
+def _numbers(*values: float | int) -> str:
     return " ".join(f"{value:.9g}" for value in values)
 
 
@@ -114,7 +114,7 @@ def _sensors(root: ElementTree.Element) -> None:
     """Add joint angles and delay all sensors."""
     sensors = root.find("sensor")
     if sensors is None:
-        raise ValueError("the nominal model has no sensors; give it foot forces and IMU")
+        raise ValueError("the nominal model has no sensors; give it feet and IMU")
     for joint in JOINTS:
         ElementTree.SubElement(sensors, "jointpos", name=joint, joint=joint)
     count = round(E1.sensor_delay / STEP) - 1  # values are seen one step late
@@ -131,7 +131,8 @@ def build(body: Body, floor: Floor) -> mujoco.MjModel:
     _ground(root, floor)
     option = root.find("option")
     if option is not None:
-        option.attrib.update(timestep=_numbers(STEP), iterations="20", ls_iterations="20")
+        solver = {"iterations": "20", "ls_iterations": "20"}
+        option.attrib.update(solver, timestep=_numbers(STEP))
     model = mujoco.MjModel.from_xml_string(ElementTree.tostring(root, "unicode"))
     low, high = floor.height.min(), floor.height.max()
     # Rows of a height field run along y, columns along x.
@@ -160,9 +161,8 @@ class Flock:
         joints = len(JOINTS)
         place = slots(model)
         self.angle, self.sensor = place.position[:joints], place
-        self.joint_sensor = slice(
-            int(model.sensor(JOINTS[0]).adr[0]), int(model.sensor(JOINTS[-1]).adr[0]) + 1
-        )
+        first = int(model.sensor(JOINTS[0]).adr[0])
+        self.joint_sensor = slice(first, first + joints)
         self.motor, self.line = slice(0, joints), slice(joints, 2 * joints)
         batch = self.batch = Batch(model, nsim=len(runs), nthread=THREADS)
         self.qpos, self.ctrl = batch.bind("qpos"), batch.bind("ctrl")
@@ -241,7 +241,8 @@ def _fill(
         mujoco.mj_initCtrlHistory(model, data, index, None, values)
     for index in range(model.nsensor):
         first, size = model.sensor_adr[index], model.sensor_dim[index]
-        values = np.tile(felt[first : first + size], (model.sensor_history[index, 0], 1))
+        count = model.sensor_history[index, 0]
+        values = np.tile(felt[first : first + size], (count, 1))
         mujoco.mj_initSensorHistory(model, data, index, None, values, 0.0)
 
 
@@ -270,7 +271,10 @@ class Stiff:
         return published("MuJoCo C, 0.5 ms", draw_body(self.body_seed))
 
     def walk(
-        self, policies: np.ndarray, seeds: Sequence[int] | np.ndarray, task: Task | None = None
+        self,
+        policies: np.ndarray,
+        seeds: Sequence[int] | np.ndarray,
+        task: Task | None = None,
     ) -> tuple[Trajectory, Outcome]:
         """Let N robots walk: policies [N, 15], seeds [N]; records [N, T, ...], [N]."""
         task = task or Task()

@@ -1,0 +1,217 @@
+"""The two backends run the same robot: mjx inside one compiled call, native in C.
+
+Both do the same arithmetic in another order, so they differ by rounding, and contacts
+multiply that by about ten every few steps of the walk. Runs are short for this reason:
+over 1.2 s of walking 2e-3 m/s is a margin of about ten over what was seen.
+
+Compiling for mjx takes 40 s here. This file compiles three programs, and tests whatever
+it can by other values in the first of them.
+"""
+
+import jax
+import numpy as np
+import pytest
+
+from gatjax.effects.catalogue import CATALOGUE
+from gatjax.effects.effect import memoryless
+from gatjax.sim.backend import costs, pairs, prepare
+from gatjax.sim.world import Values, add_cause, add_command, nominal
+from gatjax.task import Task
+from gatjax.walk.parameters import THETA0
+
+TASK = Task(settle=0.3, longest_delay=0.1, duration=1.2)
+COUNT = 3
+CAUSES = {
+    "command_noise": 0.01, "command_delay": 0.018, "first_order_lag": 0.02,
+    "speed_limit": 5.0, "backlash": 0.02, "torque_limit": 5.0, "gain_error": 0.8,
+    "coulomb_friction": 0.1, "viscous_friction": 0.3,
+}  # fmt: skip
+MIXES = {
+    "none": [],
+    "command": ["command_noise"],
+    "motor": ["command_delay", "first_order_lag", "speed_limit", "backlash"],
+    "body": ["torque_limit", "gain_error", "coulomb_friction", "viscous_friction"],
+    "all": list(CAUSES),
+}
+TRACES = []
+
+
+def counted():
+    """An effect without effect that notes every time Python runs it."""
+
+    def change(params, signal):
+        TRACES.append(type(signal.target).__name__)
+        return signal._replace(target=signal.target + params)
+
+    return memoryless(change)
+
+
+def build(strong, scale=1.0):
+    """A world with every cause, of which those in `strong` do something."""
+    world = add_command(nominal(TASK), "counted", counted(), 0.0)
+    for name, value in CAUSES.items():
+        value = scale * value if name in strong else CATALOGUE[name].neutral
+        world = add_cause(world, name, ["all"], value)
+    return world
+
+
+@pytest.fixture(scope="module")
+def world():
+    return build(CAUSES)
+
+
+@pytest.fixture(scope="module")
+def native(world):
+    return prepare(world)
+
+
+@pytest.fixture(scope="module")
+def mjx(world):
+    return prepare(world, "mjx")
+
+
+@pytest.fixture(scope="module")
+def policies():
+    """theta0, a slower and a shorter walk."""
+    scale = np.ones((COUNT, 15))
+    scale[1, 6], scale[2, 5] = 0.7, 0.97
+    return THETA0 * scale
+
+
+@pytest.fixture(scope="module")
+def keys():
+    return jax.random.split(jax.random.key(3), COUNT)
+
+
+@pytest.mark.parametrize("mix", MIXES)
+def test_both_backends_agree_on_cost_and_falls(mix, native, mjx, policies, keys):
+    values = build(MIXES[mix]).values
+    ours, first = native.rollout(values, policies, keys)
+    theirs, second = mjx.rollout(values, policies, keys)
+    assert first.ok.all() and np.asarray(second.ok).all()
+    np.testing.assert_array_equal(np.isinf(second.fell_at), np.isinf(first.fell_at))
+    np.testing.assert_allclose(second.cost, first.cost, rtol=0, atol=2e-3)
+    assert (first.velocity > 0.05).all()  # they walk
+    for row in range(COUNT):  # and until the request they are equal
+        still = 20
+        left, right = ours.reading.angle[row], np.asarray(theirs.reading.angle)[row]
+        np.testing.assert_allclose(right[:still], left[:still], rtol=0, atol=1e-6)
+    np.testing.assert_array_equal(np.asarray(theirs.alive), ours.alive)
+
+
+def test_both_backends_see_the_same_falls(native, mjx, policies, keys):
+    """Legs of 1.2 N m can't carry the robot."""
+    world = add_cause(build([]), "torque_limit", ["all"], 1.2)
+    values = Values(**{**build([]).values._asdict(), "body": world.values.body})
+    ours, first = native.rollout(values, policies, keys)
+    theirs, second = mjx.rollout(values, policies, keys)
+    assert np.isfinite(first.fell_at).all()
+    # One control tick of a fall that takes half a second.
+    np.testing.assert_allclose(second.fell_at, first.fell_at, rtol=0, atol=0.0201)
+    assert (np.asarray(second.cost) > 14.0).all() and (first.cost > 14.0).all()
+    assert not np.asarray(theirs.alive)[:, -1].any() and not ours.alive[:, -1].any()
+
+
+def test_every_mix_walks_otherwise(native, policies, keys):
+    """The values do reach the simulation: each mix has a walk of its own."""
+    walks = {
+        mix: native.outcome(build(names).values, policies, keys).velocity[0]
+        for mix, names in MIXES.items()
+    }
+    ordered = sorted(walks.values())
+    assert np.diff(ordered).min() > 1e-4, walks
+
+
+def test_mjx_traces_once_for_all_values(mjx, world, policies, keys):
+    mjx.rollout(world.values, policies, keys)
+    before = len(TRACES)
+    assert before > 0
+    for mix, scale in (("none", 1.0), ("all", 0.5), ("all", 1.1), ("motor", 0.9)):
+        mjx.rollout(build(MIXES[mix], scale).values, policies, keys)
+    mjx.rollout(world.values, policies * 1.01, keys)
+    mjx.rollout(world.values, policies, jax.random.split(jax.random.key(8), COUNT))
+    assert len(TRACES) == before
+
+
+def test_native_traces_once_for_all_values(native, world, policies, keys):
+    native.outcome(world.values, policies, keys)
+    before = len(TRACES)
+    native.outcome(build(CAUSES, 0.5).values, policies * 1.01, keys)
+    assert len(TRACES) == before
+
+
+# Replay
+
+
+def window(native, values, policies, keys):
+    """A recorded run as a replay wants it: one tick of warm-up, then all of it."""
+    walk, _ = native.rollout(values, policies, keys)
+    begin = native.rollout.__self__.begin(values, policies, keys)[0]
+    first = walk.command[:, :1]
+    commands = np.concatenate([first, walk.command[:, :-1]], axis=1)
+    warm = walk.reading.angle[:, :1]
+    return walk, (commands, warm, np.asarray(begin.qpos), np.asarray(begin.qvel))
+
+
+@pytest.fixture(scope="module")
+def recorded(native, policies, keys):
+    """Runs without noise on the command: replay leaves noise out."""
+    names = [name for name in CAUSES if name != "command_noise"]
+    values = build(names).values
+    return values, *window(native, values, policies, keys)
+
+
+def test_replaying_a_recording_gives_the_recording(native, recorded):
+    """The same physics and effects, open loop: nothing but the commands is used."""
+    values, walk, arguments = recorded
+    played = native.replay(values, *arguments)
+    expected = walk.reading.angle[:, 1:]
+    assert walk.alive[:, : expected.shape[1]].any()
+    ticks = walk.alive.sum(1).min() - 1
+    np.testing.assert_allclose(
+        played[:, :ticks], expected[:, :ticks], rtol=0, atol=1e-9
+    )
+
+
+def test_both_backends_replay_the_same(native, mjx, recorded):
+    values, _, (commands, warm, qpos, qvel) = recorded
+    commands = commands[:, :41]  # 0.8 s, about 0.4 s of it walking
+    ours = native.replay(values, commands, warm, qpos, qvel)
+    theirs = np.asarray(mjx.replay(values, commands, warm, qpos, qvel))
+    assert ours.shape == theirs.shape == (COUNT, 40, 25)
+    assert np.ptp(ours, axis=1).max() > 0.1  # it moves
+    # Rounding before the first step, a hundredth of an encoder step after it.
+    np.testing.assert_allclose(theirs[:, :15], ours[:, :15], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(theirs, ours, rtol=0, atol=1.5e-5)
+
+
+def test_replay_obeys_the_effects(native, recorded):
+    values, _, arguments = recorded
+    plain = native.replay(build([]).values, *arguments)
+    assert np.abs(plain - native.replay(values, *arguments)).max() > 0.01
+
+
+# The bare world, and batches of policies and keys
+
+
+def test_mjx_outcome_of_the_bare_world_agrees_with_native(policies, keys):
+    """Without effects, C plays a whole control tick in one call."""
+    world = nominal(TASK)
+    first = prepare(world).outcome(world.values, policies, keys)
+    backend = prepare(world, "mjx")
+    assert backend.compiled
+    second = backend.outcome(world.values, policies, keys)
+    np.testing.assert_allclose(second.cost, first.cost, rtol=0, atol=2e-3)
+    np.testing.assert_array_equal(np.asarray(second.ok), first.ok)
+    np.testing.assert_array_equal(np.isinf(second.fell_at), np.isinf(first.fell_at))
+
+
+def test_costs_try_every_policy_with_every_key(native, world, policies, keys):
+    table = costs(native)(world.values, policies[:2], keys)
+    assert table.shape == (2, COUNT)
+    for row in range(2):
+        alone = np.tile(policies[row], (COUNT, 1))
+        expected = native.outcome(world.values, alone, keys).cost
+        np.testing.assert_array_equal(table[row], expected)
+    result = pairs(native.outcome, world.values, policies[:2], keys)
+    np.testing.assert_array_equal(result.cost, table)

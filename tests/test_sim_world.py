@@ -1,0 +1,308 @@
+"""Worlds: what they are made of, their file, and runs of them on the native backend."""
+
+import dataclasses
+import json
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+
+from gatjax.effects.catalogue import CATALOGUE
+from gatjax.records import JOINTS
+from gatjax.robot import model as robot_model
+from gatjax.sim.backend import prepare
+from gatjax.sim.native import Native
+from gatjax.sim.world import (
+    add_cause,
+    dropped_by_mjx,
+    fields_applied,
+    nominal,
+    read_world,
+    write_world,
+)
+from gatjax.task import Task, task_at
+from gatjax.walk.parameters import THETA0
+
+SHORT = Task(settle=0.1, longest_delay=0.04, duration=0.4)
+CAUSES = {  # a value of every cause that a walking robot can bear
+    "command_delay": 0.02, "first_order_lag": 0.02, "speed_limit": 5.0,
+    "torque_limit": 6.0, "coulomb_friction": 0.1, "viscous_friction": 0.3,
+    "gain_error": 0.8, "backlash": 0.02, "dead_band": 0.005, "command_noise": 0.01,
+}  # fmt: skip
+LEGS = ["LKneePitch", "RKneePitch", "LAnkleRoll", "RAnkleRoll"]
+
+
+def batch(count, seed=0):
+    """The same walk with different random starts."""
+    keys = jax.random.split(jax.random.key(seed), count)
+    return np.tile(THETA0, (count, 1)), keys
+
+
+def same(left, right):
+    """Assert that two results are equal to the last bit."""
+    for ours, theirs in zip(jax.tree.leaves(left), jax.tree.leaves(right), strict=True):
+        np.testing.assert_array_equal(np.asarray(ours), np.asarray(theirs))
+
+
+# Causes
+
+
+def test_every_cause_is_tried_here():
+    assert set(CAUSES) == set(CATALOGUE)
+
+
+def test_an_unknown_cause_is_refused():
+    with pytest.raises(ValueError, match=r"'rust' is unknown; .*'backlash'"):
+        add_cause(nominal(), "rust", ["all"], 0.1)
+
+
+@pytest.mark.parametrize("cause", ["backlash", "torque_limit", "command_noise"])
+def test_an_unknown_joint_is_refused_with_those_that_exist(cause):
+    with pytest.raises(ValueError, match=r"no joint 'LKnee'; it has .*'LKneePitch'"):
+        add_cause(nominal(), cause, ["RKneePitch", "LKnee"], 1.0)
+
+
+def test_adding_a_cause_leaves_the_world_it_came_from_alone():
+    plain = nominal()
+    kept = {name: getattr(plain.model, name).copy() for name in ("dof_damping",)}
+    world = plain
+    for name, value in CAUSES.items():
+        world = add_cause(world, name, LEGS, value)
+    assert not plain.causes and not plain.values.motor and not plain.values.body
+    assert len(world.causes) == len(CAUSES)
+    np.testing.assert_array_equal(plain.model.dof_damping, kept["dof_damping"])
+    np.testing.assert_array_equal(world.model.dof_damping, kept["dof_damping"])
+    assert (fields_applied(world).dof_damping > kept["dof_damping"]).sum() == 4
+
+
+def test_the_same_cause_may_act_twice():
+    world = add_cause(nominal(), "command_delay", ["all"], 0.02)
+    world = add_cause(world, "command_delay", ["LKneePitch"], 0.03)
+    assert len(world.motor) == len(world.values.motor) == 2
+    assert list(world.motor) == list(world.values.motor)
+
+
+@pytest.mark.parametrize("name", sorted(CAUSES))
+def test_a_neutral_cause_changes_no_run_and_a_real_one_does(name):
+    """1e-3 m/s and not equality: rounding grows in contacts."""
+    policies, keys = batch(2)
+    plain, everything = nominal(SHORT), ["all"]
+    neutral = add_cause(plain, name, everything, CATALOGUE[name].neutral)
+    strong = add_cause(plain, name, everything, CAUSES[name])
+    walk, _ = prepare(plain).rollout(plain.values, policies, keys)
+    run = prepare(neutral)
+    none, _ = run.rollout(neutral.values, policies, keys)
+    if CATALOGUE[name].slot == "body":
+        run = prepare(strong)
+    some, _ = run.rollout(strong.values, policies, keys)
+    first = np.s_[:, :6]  # before contacts blow rounding up
+    gap = np.abs(none.reading.angle - walk.reading.angle)
+    assert gap[first].max() < 1e-9
+    assert gap.max() < 1e-4
+    assert np.abs(some.reading.angle - walk.reading.angle).max() > 1e-3
+
+
+# The world file
+
+
+def test_a_world_read_from_its_file_runs_identically(tmp_path):
+    world = nominal(SHORT)
+    for index, (name, value) in enumerate(CAUSES.items()):
+        world = add_cause(world, name, LEGS if index % 2 else ["all"], value)
+    write_world(tmp_path / "world.json", world, {"tool": "test"}, None)
+    again, grounding = read_world(tmp_path / "world.json", SHORT)
+    assert grounding is None
+    assert again.causes == world.causes
+    policies, keys = batch(3)
+    first = prepare(world).rollout(world.values, policies, keys)
+    same(first, prepare(again).rollout(again.values, policies, keys))
+
+
+def test_the_file_is_the_documented_one(tmp_path):
+    world = add_cause(nominal(), "backlash", ["LKneePitch"], 0.018)
+    write_world(tmp_path / "world.json", world, {"version": "0"}, "grounding/")
+    assert json.loads((tmp_path / "world.json").read_text()) == {
+        "schema": "gatjax.world/1",
+        "model": "nao",
+        "effects": [
+            {"cause": "backlash", "where": ["LKneePitch"], "values": {"width": 0.018}}
+        ],
+        "grounding": "grounding/",
+        "made_by": {"version": "0"},
+    }
+    _, grounding = read_world(tmp_path / "world.json")
+    assert grounding == tmp_path / "grounding"
+
+
+def test_a_world_may_bring_its_own_model(tmp_path):
+    heavy = robot_model.MODEL_FILE.read_text().replace('mass="1.04956"', 'mass="1.5"')
+    (tmp_path / "robot.xml").write_text(heavy)
+    text = {"schema": "gatjax.world/1", "model": "robot.xml", "effects": []}
+    (tmp_path / "world.json").write_text(json.dumps(text))
+    world, _ = read_world(tmp_path / "world.json")
+    assert world.model.body("torso").mass[0] == 1.5
+
+
+@pytest.mark.parametrize("change, message", [
+    ({"schema": "gatjax.world/9"}, r"schema is 'gatjax.world/9', need"),
+    ({"model": "other.xml"}, r"other\.xml does not exist"),
+    ({"effects": [{"cause": "rust", "where": ["all"], "values": {}}]}, "'rust' is un"),
+    ({"effects": [{"cause": "backlash", "where": ["all"], "values": {"w": 1.0}}]},
+     "backlash needs 'width'"),
+    ({"effects": [{"cause": "backlash", "where": ["Tail"], "values": {"width": 1.0}}]},
+     "no joint 'Tail'"),
+])  # fmt: skip
+def test_a_wrong_file_is_refused_in_one_line(tmp_path, change, message):
+    text = {"schema": "gatjax.world/1", "model": "nao", "effects": []} | change
+    (tmp_path / "world.json").write_text(json.dumps(text))
+    with pytest.raises((ValueError, FileNotFoundError), match=message) as caught:
+        read_world(tmp_path / "world.json")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_missing_or_cut_off_is_refused(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"world\.json does not exist"):
+        read_world(tmp_path / "world.json")
+    (tmp_path / "world.json").write_text('{"schema": "gatj')
+    with pytest.raises(ValueError, match=r"world\.json is not JSON"):
+        read_world(tmp_path / "world.json")
+
+
+# What MJX can't do
+
+SPECIAL = """
+<mujoco><worldbody><body><freejoint/><geom size="0.1"/>
+  <body><joint name="a" axis="0 0 1"/><geom size="0.1"/></body></body></worldbody>
+  <actuator>{motor}</actuator></mujoco>"""
+DELAYED = '<position joint="a" kp="1" delay="0.02" nsample="10"/>'
+DC = '<dcmotor joint="a" input="voltage" nominal="12 1 5"/>'
+
+
+@pytest.mark.parametrize("motor, word", [(DELAYED, "actuator delay"), (DC, "dcmotor")])
+def test_mjx_names_what_it_would_drop(motor, word):
+    model = mujoco.MjModel.from_xml_string(SPECIAL.format(motor=motor))
+    (lost,) = dropped_by_mjx(model)
+    assert word in lost
+    world = dataclasses.replace(nominal(), model=model)
+    with pytest.raises(ValueError, match=f"{word}.*use --backend native") as caught:
+        prepare(world, "mjx").outcome(world.values, *batch(1))
+    assert "\n" not in str(caught.value)
+
+
+def test_mjx_drops_nothing_of_the_nao():
+    world = nominal()
+    for name, value in CAUSES.items():
+        world = add_cause(world, name, ["all"], value)
+    assert dropped_by_mjx(fields_applied(world)) == []
+
+
+def test_an_unknown_backend_is_named_with_those_that_exist():
+    with pytest.raises(ValueError, match=r"'gazebo' is unknown; .*'native', 'mjx'"):
+        prepare(nominal(), "gazebo")
+
+
+@pytest.mark.parametrize("impl, message", [
+    ("cuda", r"impl 'cuda' is unknown; choose from"), ("warp", "impl 'warp' needs"),
+])  # fmt: skip
+def test_an_implementation_that_is_not_here_is_refused_in_one_line(impl, message):
+    world = nominal()
+    with pytest.raises(ValueError, match=message) as caught:
+        prepare(world, "mjx", impl).outcome(world.values, *batch(1))
+    assert "\n" not in str(caught.value)
+
+
+# Rates
+
+
+@pytest.mark.parametrize("rate", [50.0, 100.0, 83.3])
+def test_the_robot_walks_at_every_control_rate(rate):
+    world = nominal(task_at(rate, duration=2.0))
+    step = world.model.opt.timestep
+    assert world.substeps * step == pytest.approx(world.task.control_period, abs=1e-12)
+    assert 0.002 <= step <= 0.005
+    walk, outcome = prepare(world).rollout(world.values, *batch(4))
+    assert np.isinf(outcome.fell_at).all()
+    # 17.8 cm/s over the first two seconds at 50 Hz, standing still included.
+    np.testing.assert_allclose(outcome.velocity, 0.178, rtol=0, atol=0.01)
+    assert walk.time[0, 1] == world.task.control_period
+
+
+# Rows
+
+
+def kicked(native, row, velocity):
+    """Make one robot of a batch start with a knee at an impossible speed."""
+    begin, knee = native.begin, native.world.model.joint("LKneePitch").dofadr[0]
+
+    def start(*arguments):
+        first, *rest = begin(*arguments)
+        return (first._replace(qvel=first.qvel.at[row, knee].set(velocity)), *rest)
+
+    native.begin = start
+    return native
+
+
+@pytest.mark.parametrize("causes", [[], ["command_delay"]], ids=["plain", "motor"])
+@pytest.mark.parametrize("velocity", [np.nan, 1e12])
+def test_a_robot_that_diverges_is_not_ok_and_harms_no_other(
+    tmp_path, monkeypatch, causes, velocity
+):
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes its warning into a file
+    world = nominal(SHORT)
+    for name in causes:
+        world = add_cause(world, name, ["all"], CAUSES[name])
+    policies, keys = batch(4)
+    walk, expected = Native(world).rollout(world.values, policies, keys)
+    native = kicked(Native(world), 1, velocity)
+    other, outcome = native.rollout(world.values, policies, keys)
+    np.testing.assert_array_equal(outcome.ok, [True, False, True, True])
+    assert outcome.cost[1] == np.inf
+    assert np.isfinite(outcome.velocity).all()
+    rest = [0, 2, 3]
+    same([leaf[rest] for leaf in expected], [leaf[rest] for leaf in outcome])
+    pick = [walk.reading.angle, walk.command, walk.base.position, walk.alive]
+    also = [other.reading.angle, other.command, other.base.position, other.alive]
+    same([leaf[rest] for leaf in pick], [leaf[rest] for leaf in also])
+
+
+def test_a_policy_of_nan_costs_infinity_and_harms_no_other(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    world = nominal(SHORT)
+    policies, keys = batch(3)
+    expected = prepare(world).outcome(world.values, policies, keys)
+    policies[2] = np.nan
+    outcome = prepare(world).outcome(world.values, policies, keys)
+    np.testing.assert_array_equal(outcome.ok, [True, True, False])
+    assert outcome.cost[2] == np.inf
+    same([leaf[:2] for leaf in expected], [leaf[:2] for leaf in outcome])
+
+
+def test_a_result_depends_on_policy_and_key_not_on_the_batch():
+    world = add_cause(nominal(SHORT), "command_noise", ["all"], 0.01)
+    run = prepare(world)
+    policies, keys = batch(5)
+    policies = policies * np.linspace(0.97, 1.03, 5)[:, None]
+    together = run.outcome(world.values, policies, keys)
+    assert len(set(together.cost)) == 5
+    order = np.array([3, 0])
+    some = run.outcome(world.values, policies[order], keys[order])
+    same([leaf[order] for leaf in together], list(some))
+    alone = run.outcome(world.values, policies[3:4], keys[3:4])
+    same([leaf[3:4] for leaf in together], list(alone))
+
+
+def test_runs_with_the_same_key_meet_the_same_start_and_request():
+    """Common random numbers: what differs between policies is the policy."""
+    world = nominal(SHORT)
+    policies, keys = batch(2)
+    policies[1, 6] *= 0.9  # max_forward: not part of the ready pose
+    keys = jnp.stack([keys[0], keys[0]])
+    walk, _ = prepare(world).rollout(world.values, policies, keys)
+    np.testing.assert_array_equal(walk.reading.angle[0, 0], walk.reading.angle[1, 0])
+    moved = np.abs(
+        walk.command[:, :, JOINTS.index("LHipPitch")] - walk.command[0, 0, 10]
+    )
+    begins = (moved > 1e-3).argmax(1)
+    assert begins[0] == begins[1] > 0

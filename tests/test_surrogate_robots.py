@@ -1,0 +1,243 @@
+"""The stand-in robots: what their constants promise is what they do."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from gatjax import task as tasks
+from gatjax.records import JOINTS
+from gatjax.robot import nao
+from gatjax.surrogate import ROBOTS, Robot, make_robot, start
+from gatjax.surrogate.dart import Dart, Nao
+from gatjax.surrogate.e1 import E1, draw_body, inertials, nominal
+from gatjax.surrogate.servo import error, servo, torque
+from gatjax.surrogate.skeleton import Rotors, skeleton
+from gatjax.surrogate.stiff import Flock, build
+from gatjax.task import Task
+from gatjax.walk.parameters import NAMES, THETA0
+
+SHORT = Task(settle=0.1, longest_delay=0.04, duration=0.2)
+FINE = Task(control_period=0.001, settle=0.5, longest_delay=0.1, duration=0.5)
+HEAD, KNEE = JOINTS.index("HeadYaw"), JOINTS.index("LKneePitch")
+
+
+def machine(name, task):
+    body = draw_body(0)
+    floor, run = start.draw_floor(body, E1), start.draw_run(body, 0, task, E1)
+    pose = tasks.pose(THETA0)
+    if name == "dart":
+        return Nao(body, floor, run, pose, task)
+    return Flock(body, floor, [run], pose[None], task)
+
+
+def stand(robot, ticks, target):
+    for _ in range(ticks):
+        robot.advance(target[None], np.array([True]))
+
+
+def same(first, second):
+    for one, other in zip(first, second, strict=True):
+        if isinstance(one, tuple):
+            same(one, other)
+        else:
+            np.testing.assert_array_equal(one, other)
+
+
+def test_unknown_robot_is_refused_with_the_names():
+    with pytest.raises(ValueError, match=r"'drake' is unknown.*dart.*stiff"):
+        make_robot("drake")
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_same_seeds_give_the_same_walk_and_others_do_not(name):
+    policies = np.tile(THETA0, (2, 1))
+    robot = make_robot(name, 0)
+    assert isinstance(robot, Robot)
+    first = make_robot(name, 0).walk(policies[:1], [3], SHORT)
+    same(first, make_robot(name, 0).walk(policies[:1], [3], SHORT))
+    other = make_robot(name, 0).walk(policies[:1], [4], SHORT)
+    assert np.any(first[0].reading.gyro != other[0].reading.gyro)
+    another = make_robot(name, 1).walk(policies[:1], [3], SHORT)
+    assert np.any(first[0].base.position != another[0].base.position)
+
+
+def test_dart_does_not_depend_on_the_number_of_workers():
+    policies = np.tile(THETA0, (3, 1))
+    one, two = Dart(0, workers=1), Dart(0, workers=2)
+    try:
+        same(one.walk(policies, range(3), SHORT), two.walk(policies, range(3), SHORT))
+    finally:
+        two.close()
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_command_is_seen_after_36_milliseconds(name):
+    robot, target = machine(name, FINE), tasks.pose(THETA0)
+    stand(robot, 600, target)
+    before = robot.sense().angle[0, HEAD]
+    target[HEAD] += 0.4
+    moved = []
+    for _ in range(45):
+        stand(robot, 1, target)
+        moved.append(abs(robot.sense().angle[0, HEAD] - before))
+    # Tick t of the list is t + 1 ms after the command; the head needs a step to move.
+    first = 1 + np.flatnonzero(np.array(moved) > 1e-5)[0]
+    assert 37 <= first <= 39
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_offsets_move_the_joint_and_not_the_encoder(name):
+    robot, target = machine(name, FINE), tasks.pose(THETA0)
+    stand(robot, 500, target)
+    true, offset = robot.sense().angle[0], draw_body(0).offset
+    told = robot.body.offset
+    np.testing.assert_array_equal(told, offset)
+    # The servo holds the encoder, true - offset, within its play, one encoder step and
+    # what dry friction holds: 0.05 N m / 20 N m/rad.
+    slack = E1.play + E1.encoder_step + 0.05 / 20.0
+    assert abs(true[HEAD] - offset[HEAD] - target[HEAD]) < slack
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_feet_carry_the_weight(name):
+    robot, target = machine(name, FINE), tasks.pose(THETA0)
+    stand(robot, 500, target)
+    carried = []
+    for _ in range(100):
+        stand(robot, 1, target)
+        carried.append(robot.sense().force.sum())
+    weight = inertials(draw_body(0)).mass.sum() * 9.81
+    # The robot still sways by some mm/s^2; tilted normals take 0.1 %.
+    assert np.mean(carried) == pytest.approx(weight, rel=0.01)
+
+
+def test_accelerometer_of_dart_feels_gravity():
+    robot, target = machine("dart", FINE), tasks.pose(THETA0)
+    stand(robot, 500, target)
+    felt = np.linalg.norm(robot.sense().accelerometer)
+    assert felt == pytest.approx(9.81, rel=0.01)
+
+
+def test_bodies_weigh_what_was_drawn():
+    for seed in range(3):
+        body = draw_body(seed)
+        mass = inertials(body).mass.sum()
+        floor = start.Floor(np.array([[0.0, 0.001], [0.0, 0.0]]), 12.0)
+        assert mass == pytest.approx(nao.TOTAL_MASS + E1.extra_mass, rel=E1.mass_error)
+        assert skeleton(body).getMass() == pytest.approx(mass)
+        if seed == 0:
+            flat = start.draw_floor(body, E1)
+            assert build(body, flat).body_mass.sum() == pytest.approx(mass)
+        assert floor.at(np.array([-6.0, 6.0]))[0] == pytest.approx(0.001)
+    assert np.any(draw_body(0).offset != draw_body(1).offset)
+
+
+def test_servo_keeps_its_limits():
+    motors = servo(E1)
+    push = error(E1, np.full(len(JOINTS), 2.0), np.zeros(len(JOINTS)))
+    for speed in (-20.0, -1.0, 0.0, 1.0, 20.0):
+        assert np.all(np.abs(torque(motors, push, np.array(speed))) <= motors.limit)
+    assert torque(motors, push, np.array(0.0))[KNEE] == pytest.approx(3.0)
+    no_load = motors.push / motors.damping
+    assert no_load[KNEE] == pytest.approx(3.76, abs=0.01)
+    assert no_load[JOINTS.index("LHipRoll")] == pytest.approx(2.45, abs=0.01)
+    small = np.full(len(JOINTS), 0.9 * E1.play)
+    assert np.all(error(E1, small, 0.0 * small) == 0.0)
+
+
+def test_native_motors_keep_the_net_torque_limit_and_reach_it():
+    robot, target = machine("stiff", FINE), tasks.pose(THETA0)
+    stand(robot, 100, target)
+    limit, largest = servo(E1).limit, np.zeros(len(JOINTS))
+    target[KNEE] -= 0.6
+    for _ in range(80):
+        stand(robot, 1, target)
+        now = np.abs(robot.arrived[0, : len(JOINTS)])
+        largest = np.maximum(largest, now)
+    assert np.all(largest <= limit + 1e-9)
+    assert largest[KNEE] == pytest.approx(limit[KNEE])
+
+
+def test_dart_falls_as_newton_says():
+    world, robot = weightless("fall")
+    world.setGravity([0.0, 0.0, -9.81])
+    before = robot.getCOM()[2]
+    for _ in range(200):
+        world.step()
+    # Velocity first, then position: exact for g t (t + dt) / 2.
+    assert before - robot.getCOM()[2] == pytest.approx(9.81 * 0.2 * 0.201 / 2, rel=1e-6)
+
+
+def weightless(name):
+    import dartpy
+
+    world, robot = dartpy.simulation.World(), skeleton(draw_body(0))
+    robot.setName(name)
+    world.setTimeStep(0.001)
+    world.setGravity([0.0, 0.0, 0.0])
+    world.addSkeleton(robot)
+    return world, robot
+
+
+def test_rotors_turn_against_their_housings_as_in_mujoco():
+    """A torque on the free robot's knee moves all joints alike in both engines."""
+    world, robot = weightless("rotors")
+    names = [robot.getDof(index).getName() for index in range(robot.getNumDofs())]
+    rotors, knee = Rotors(robot), names.index("LKneePitch")
+    weights, model = inertials(draw_body(0)), build_like(nominal())
+    data = mujoco.MjData(model)
+    assert weights.mass.sum() == pytest.approx(model.body_mass.sum())
+    force = np.zeros(len(names))
+    force[knee] = 0.5
+    for _ in range(60):
+        robot.setForces(force)
+        rotors.act(0.001)
+        world.step()
+        data.qfrc_applied[model.joint("LKneePitch").dofadr[0]] = 0.5
+        mujoco.mj_step(model, data)
+    turned = robot.getVelocities()
+    for joint in ("LHipPitch", "LKneePitch", "LAnklePitch"):
+        expected = data.qvel[model.joint(joint).dofadr[0]]
+        scale = abs(data.qvel[model.joint("LKneePitch").dofadr[0]])
+        got = turned[names.index(joint)]
+        # 3 %: rotor torques lag by a step and a half of 60.
+        assert got == pytest.approx(expected, abs=0.03 * scale)
+
+
+def build_like(original):
+    """The nominal robot with the drawn masses, without weight, damping or servos."""
+    from gatjax.surrogate.stiff import build
+
+    body = draw_body(0)
+    model = build(body, start.draw_floor(body, E1))
+    model.opt.timestep = 0.001
+    model.opt.gravity[:] = 0.0
+    model.dof_frictionloss[:] = 0.0
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_ACTUATION)
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONTACT)
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_EQUALITY)
+    model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
+    return model
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_theta0_walks_for_three_seconds(name):
+    task = Task(duration=3.0)
+    trajectory, outcome = make_robot(name, 0).walk(THETA0[None], [0], task)
+    assert np.isinf(outcome.fell_at[0])
+    assert outcome.velocity[0] > 0.1
+    assert trajectory.command.shape == (1, task.ticks, len(JOINTS))
+    steps = trajectory.reading.angle / E1.encoder_step
+    np.testing.assert_allclose(steps, np.rint(steps), atol=1e-6)
+
+
+def test_a_fallen_robot_stays_as_it_fell():
+    policy = THETA0.copy()
+    policy[NAMES.index("max_forward")] = 0.5
+    policy[NAMES.index("forward_change")] = 0.35
+    trajectory, outcome = make_robot("stiff", 0).walk(policy[None], [0], Task())
+    assert np.isfinite(outcome.fell_at[0])
+    end = np.flatnonzero(~trajectory.alive[0])[0]
+    for field in (trajectory.command, *trajectory.reading, *trajectory.base):
+        assert np.all(field[0, end:] == field[0, end])
+    assert np.all(trajectory.alive[0, :end])
