@@ -2,6 +2,7 @@
 # make run ARGS="..."    the same with arguments for `gatjax run`, e.g. ARGS="--resume"
 # make test              lint, formatting, import rules, types, tests
 # make bench             benchmarks; they are never part of the tests
+# make picture           docs/report.png, from the latest run (needs chromium)
 # make clean             remove .venv, caches and builds; run folders stay
 #
 # Needs make and Python 3.11 or newer. Choose one with PYTHON=/path/to/python3.
@@ -18,7 +19,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Pyright would otherwise ask the network whether there is a newer pyright.
 export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
 
-.PHONY: run test bench clean
+.PHONY: run test bench picture clean
 .NOTPARALLEL:
 
 run: .venv/installed
@@ -33,6 +34,11 @@ test: .venv/installed-dev
 
 bench: .venv/installed-dev
 	$(BIN)/pytest benchmarks --override-ini=addopts= --benchmark-only $(ARGS)
+
+picture:
+	chromium --headless --no-sandbox --disable-gpu --hide-scrollbars \
+	--virtual-time-budget=4000 --window-size=1280,1440 --screenshot=docs/report.png \
+	"file://$(CURDIR)/$$(ls -d runs/*/ | tail -1)report.html"
 
 clean:
 	rm -rf .venv .pytest_cache .ruff_cache .import_linter_cache .hypothesis

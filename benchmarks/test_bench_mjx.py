@@ -19,7 +19,7 @@ def walk():
     return recorded(nominal(Task(duration=0.5, settle=0.1, longest_delay=0.0)), worlds)
 
 
-def test_closed_loop_beside_bare_stepping(benchmark, ratio, walk):
+def test_mjx_beside_bare_stepping(benchmark, ratio, walk):
     backend, bare = prepare(walk.world, "mjx", "jax"), bare_mjx(walk, "jax")
 
     def closed():

@@ -1,4 +1,4 @@
-"""A closed-loop generation on the native backend beside bare stepping, equal physics."""
+"""A closed-loop generation on the native backend beside bare steps, equal physics."""
 
 import pytest
 
@@ -15,7 +15,7 @@ def walk():
     return recorded(nominal(Task(duration=2.0, longest_delay=0.0)), WORLDS)
 
 
-def test_closed_loop_beside_bare_stepping(benchmark, ratio, walk):
+def test_native_beside_bare_stepping(benchmark, ratio, walk):
     backend, bare = prepare(walk.world, "native"), bare_native(walk)
 
     def closed():

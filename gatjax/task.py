@@ -1,9 +1,10 @@
 """What is asked of the robot, the pilot that does it, and what it cost.
 
-The task is the paper's (Hanna & Stone 2017, Empirical Results): walk towards a target at
-forward request 0.75; when the heading error passes five degrees, turn back while walking
-on; a fall ends the run; the cost is the negative mean forward velocity, plus 15 for a fall.
-The same pilot runs in every simulator, on the stand-in robots and on the hardware.
+The task is the paper's (Hanna & Stone 2017, Empirical Results): walk towards a target
+at forward request 0.75; when the heading error passes five degrees, turn back while
+walking on; a fall ends the run; the cost is the negative mean forward velocity, plus 15
+for a fall. The same pilot runs in every simulator, on the stand-in robots and on the
+hardware.
 """
 
 from __future__ import annotations

@@ -105,7 +105,15 @@ def test_a_nan_in_a_log_is_named(tmp_path, capsys):
     good = log(tmp_path / "good.parquet")
     bad = log(tmp_path / "bad.parquet", spoil="position.LKneePitch")
     out = tmp_path / "out"
-    arguments = ["ground", "--robot-log", bad, "--simulator-log", good, "--out", str(out)]
+    arguments = [
+        "ground",
+        "--robot-log",
+        bad,
+        "--simulator-log",
+        good,
+        "--out",
+        str(out),
+    ]
     code, line = one_line(capsys, arguments)
     assert code == 1
     assert "bad.parquet" in line and "row 18, column 'position.LKneePitch'" in line
@@ -113,7 +121,9 @@ def test_a_nan_in_a_log_is_named(tmp_path, capsys):
 
 
 def test_worlds_that_can_not_be(tmp_path, capsys):
-    effects = [{"cause": "blacklash", "where": ["LKneePitch"], "values": {"width": 0.1}}]
+    effects = [
+        {"cause": "blacklash", "where": ["LKneePitch"], "values": {"width": 0.1}}
+    ]
     path = tmp_path / "world.json"
     world = {"schema": "gatjax.world/1", "model": "nao", "effects": effects}
     path.write_text(json.dumps(world))

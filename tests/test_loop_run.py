@@ -78,7 +78,8 @@ def test_a_run_leaves_what_the_contract_says(done):
 
 
 @pytest.mark.parametrize(
-    "stop_at", ["gat: generation 2 of 2", "gat: walk on the robot", "gat: ground the simulator"]
+    "stop_at",
+    ["gat: generation 2 of 2", "gat: walk on the robot", "gat: ground the simulator"],
 )
 def test_a_stopped_run_goes_on_with_the_same_numbers(stop_at, done, robot, tmp_path):
     folder = tmp_path / "run"

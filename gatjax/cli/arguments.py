@@ -10,7 +10,6 @@ import tyro
 
 from gatjax.settings import DEMO, PRESETS, LoopSettings
 
-
 ABOUT = (
     "Ground a robot simulator in logs of the robot, search for a better walk in it, "
     "and show whether the walk transfers. Start with: gatjax run"
@@ -22,7 +21,7 @@ class Run:
     """Collect, ground, search, evaluate and report: the main job."""
 
     preset: Literal["demo", "paper"] = "demo"
-    """demo: 2 cores, ten minutes. paper: 150 policies x 20 rollouts x 10 generations."""
+    """demo: 2 cores, ten minutes. paper: 150 policies, 20 rollouts, 10 generations."""
     loop: tyro.conf.OmitArgPrefixes[LoopSettings] = field(default_factory=lambda: DEMO)
     out: Path = Path("runs")
     """Folder of run folders."""
@@ -128,14 +127,14 @@ class Report:
 
 @dataclass(frozen=True, kw_only=True)
 class Bench:
-    """Measure steps/s of each backend beside a bare stepping loop of the same engine."""
+    """Measure steps/s of each backend beside a bare loop of the same engine."""
 
     worlds: int = 256
     seconds: float = 2.0
     """Simulated time of each run."""
     json: Path | None = None
     """Also write the table to this file."""
-    backends: tuple[Literal["native", "mjx-jax", "mjx-warp"], ...] = ("native", "mjx-jax")
+    backends: tuple[Literal["native", "mjx-jax", "mjx-warp"], ...] = ("native",)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,7 +170,7 @@ def parse(arguments: list[str]) -> Any:
     run = Run(loop=PRESETS.get(preset, DEMO))
     verbs: Any = None
     for name, kind in VERBS.items():
-        default = {"default": run} if kind is Run else {}
-        verb = Annotated[kind, tyro.conf.subcommand(name, **default)]
+        default = run if kind is Run else tyro.MISSING_NONPROP
+        verb = Annotated[kind, tyro.conf.subcommand(name, default=default)]
         verbs = verb if verbs is None else verbs | verb
     return tyro.cli(verbs, args=arguments, prog="gatjax", description=ABOUT)

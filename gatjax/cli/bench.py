@@ -1,9 +1,9 @@
-"""Steps per second of each backend, beside a bare stepping loop of the same engine.
+"""Steps per second of each backend, beside a bare loop of the same engine.
 
 The bare loop plays the commands of the same walks from the same starts and does nothing
 else: equal physics, so the ratio is what the closed loop costs (sensors, walk engine,
-effects, task).
-Compile time is reported apart. Compare ratios; absolute times only from a quiet machine.
+effects, task). Compile time is reported apart. Compare ratios; absolute times only from
+a quiet machine.
 """
 
 from __future__ import annotations
@@ -149,8 +149,8 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
     ]
     for row in rows:
         lines.append(
-            f"{row['backend']:<10} {row['worlds']:>6} {row['closed_steps_per_s']:>15,.0f} "
-            f"{row['bare_steps_per_s']:>13,.0f} {row['closed_over_bare']:>12.2f} "
+            f"{row['backend']:<10} {row['worlds']:>6} "
+            f"{row['closed_steps_per_s']:>15,.0f} {row['bare_steps_per_s']:>13,.0f} {row['closed_over_bare']:>12.2f} "
             f"{row['compile_s']:>10.1f}  {row['device']}"
         )
     return "\n".join(lines)

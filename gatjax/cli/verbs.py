@@ -63,7 +63,9 @@ def settings_of(config: dict[str, Any]) -> LoopSettings:
     """Rebuild loop settings from config.json."""
     search = SearchSettings(**config["search"])
     rest = {key: value for key, value in config.items() if key != "search"}
-    return LoopSettings(**(rest | {"methods": tuple(rest["methods"]), "search": search}))
+    return LoopSettings(
+        **(rest | {"methods": tuple(rest["methods"]), "search": search})
+    )
 
 
 @act.register
@@ -209,5 +211,3 @@ def doctor(verb: verbs.Doctor) -> None:
     del verb
     for name, finding in examine():
         print(f"{name:<14} {finding}")
-
-

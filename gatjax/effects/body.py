@@ -21,7 +21,9 @@ def _dofs(model: Any) -> np.ndarray:
 def torque_limit(model: Any, fields: Fields, limit: Array) -> Fields:
     """Lower the torque limit of the servos to `limit` [J] N m; inf is neutral."""
     if not np.all(model.actuator_forcelimited):
-        raise ValueError("torque_limit needs a forcerange on every actuator in the MJCF")
+        raise ValueError(
+            "torque_limit needs a forcerange on every actuator in the MJCF"
+        )
     nominal = fields.get("actuator_forcerange", model.actuator_forcerange)
     bound = np.asarray(limit)[:, None]
     return fields | {"actuator_forcerange": np.clip(nominal, -bound, bound)}

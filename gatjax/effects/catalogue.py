@@ -22,7 +22,9 @@ class Cause(NamedTuple):
     low: float  # plausible range
     high: float
     slot: str  # motor, command or body
-    build: Callable[..., Any]  # period -> Effect; body: (model, fields, values) -> fields
+    build: Callable[
+        ..., Any
+    ]  # period -> Effect; body: (model, fields, values) -> fields
     equation: str
     source: str
 
@@ -30,7 +32,7 @@ class Cause(NamedTuple):
 CATALOGUE = {
     "command_delay": Cause(
         "delay", "s", 0.0, 0.0, 0.1, "motor", lambda period: drive.delay(period, 0.1),
-        "servo sees target(t - delay)", "B-Human: request to motion 36 ms on the NAO v6",
+        "servo sees target(t - delay)", "B-Human: request to motion 36 ms, NAO v6",
     ),
     "first_order_lag": Cause(
         "time_constant", "s", 0.0, 0.0, 0.3, "motor", drive.lag,

@@ -21,9 +21,9 @@ Array = Any
 def delay(period: float, longest: float) -> Effect:
     """Hand on the target late; params: delay in s, 0 <= delay <= longest.
 
-    Between whole calls the two nearest targets are mixed linearly. The weights are built
-    with floor and where, so that gradients are right at whole calls and at both ends too
-    (a clip halves them there).
+    Between whole calls the two nearest targets are mixed linearly. The weights are
+    built with floor and where, so that gradients are right at whole calls and at both
+    ends too (a clip halves them there).
     """
     slots = int(np.ceil(longest / period - 1e-9)) + 1
 

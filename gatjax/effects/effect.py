@@ -25,8 +25,8 @@ class Effect(NamedTuple):
 def chain(**parts: Effect) -> Effect:
     """Apply effects one after the other; params and state are dicts by part name.
 
-    A part's first state comes from the signal as the parts before it leave it, so a chain
-    that starts at rest stays at rest. Without parts, nothing happens.
+    A part's first state comes from the signal as the parts before it leave it, so a
+    chain that starts at rest stays at rest. Without parts, nothing happens.
     """
 
     def init(params: dict, signal: Any) -> dict:

@@ -2,8 +2,8 @@
 
 Jakobi, Husbands & Harvey 1995: noise in the simulator keeps a search from exploiting
 what reality does not offer, if it is as large as the difference to reality. The paper
-adds standard Gaussian noise (1 degree, if its unit is the degree of SimSpark); ours takes
-its size per joint from the logs, so that a simulator that is right gets none.
+adds standard Gaussian noise (1 degree, if its unit is the degree of SimSpark); ours
+takes its size per joint from the logs, so that a simulator that is right gets none.
 """
 
 from __future__ import annotations

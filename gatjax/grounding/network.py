@@ -1,12 +1,13 @@
 """The regression models of GAT: linear part plus a 200-180 network, on the circle.
 
-Paper (GAT Implementation): three layers with 200 and 180 hidden units that regress to the
-sine and cosine of the target, passed through arctan. Ours adds a linear path beside the
-layers, solved in closed form: it carries the model where the data end.
+Paper (GAT Implementation): three layers with 200 and 180 hidden units that regress to
+the sine and cosine of the target, passed through arctan. Ours adds a linear path beside
+the layers, solved in closed form: it carries the model where the data end.
 """
 
 from __future__ import annotations
 
+import itertools
 from typing import Any, NamedTuple
 
 import jax
@@ -72,7 +73,7 @@ def _start(inputs: Array, target: Array, seed: int) -> Network:
     generator = np.random.default_rng(seed)
     weights = [
         generator.normal(0.0, 1.0 / np.sqrt(size), (size, following))
-        for size, following in zip(sizes[:-1], sizes[1:], strict=True)
+        for size, following in itertools.pairwise(sizes)
     ]
     weights[-1] = np.zeros_like(weights[-1])
     return Network(

@@ -60,9 +60,9 @@ def _state(world: World, angle: Array, base: Array, seconds: float) -> tuple:
 def base_poses(world: World, recording: Recording) -> Array:
     """Torso poses [N, 7] of a recording: position m, quaternion w x y z.
 
-    A robot seldom knows them. Where the recording has no `base.*` columns, the torso has
-    the attitude of `orientation.roll` and `.pitch` (upright without them), the lower sole
-    stands on the floor, and the torso does not travel: good enough for half a second.
+    A robot seldom knows them. Where the recording has no `base.*` columns, the torso
+    has the attitude of `orientation.roll` and `.pitch` (upright without), the lower
+    sole is on the floor, and the torso does not travel: enough for half a second.
     """
     names = [f"base.{part}" for part in ("x", "y", "z", "qw", "qx", "qy", "qz")]
     columns = recording.columns
@@ -130,7 +130,9 @@ def cut(
                 pose[now - 1 : now + 2],
             )
         )
-    command, angle, around, pose = (np.stack(part) for part in zip(*pieces, strict=True))
+    command, angle, around, pose = (
+        np.stack(part) for part in zip(*pieces, strict=True)
+    )
     qpos, qvel = _state(world, around, pose, seconds)
     return Windows(command, angle, qpos, qvel)
 

@@ -1,7 +1,13 @@
 """Grounded simulation learning from logs to a walk, for any robot."""
 
 from gatjax.loop.evaluate import evaluate
-from gatjax.loop.ground import ground, learn_grounding, predictions, stable, write_grounded
+from gatjax.loop.ground import (
+    ground,
+    learn_grounding,
+    predictions,
+    stable,
+    write_grounded,
+)
 from gatjax.loop.optimise import Candidate, Job, optimise
 from gatjax.loop.robots import Simulator
 from gatjax.loop.setting import Progress, Robot, Setting, resolved, total_work

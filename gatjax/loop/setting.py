@@ -94,7 +94,9 @@ def resolved(settings: LoopSettings) -> LoopSettings:
         settings = dataclasses.replace(settings, backend=default_backend())
     if settings.backend not in BACKENDS:
         known = ["auto", *BACKENDS]
-        raise ValueError(f"backend {settings.backend!r} is unknown; choose from {known}")
+        raise ValueError(
+            f"backend {settings.backend!r} is unknown; choose from {known}"
+        )
     if settings.backend == "mjx":
         from gatjax.sim.mjx import check_machine
 

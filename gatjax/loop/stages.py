@@ -26,9 +26,7 @@ from gatjax.task import task_at
 from gatjax.walk.parameters import THETA0
 
 
-def run(
-    folder: Path, settings: LoopSettings, robot: Robot, progress: Progress
-) -> None:
+def run(folder: Path, settings: LoopSettings, robot: Robot, progress: Progress) -> None:
     """Run the loop in an open run folder; call it again to go on after a stop.
 
     Args:
@@ -47,7 +45,9 @@ def run(
         theta = THETA0
         for iteration in range(settings.iterations):
             theta = improve(setting, method, iteration, theta)
-        show(setting, f"{method}_best_robot", theta, f"best of {method} on {robot.name}")
+        show(
+            setting, f"{method}_best_robot", theta, f"best of {method} on {robot.name}"
+        )
 
 
 def improve(setting: Setting, method: str, iteration: int, theta: Array) -> Array:

@@ -1,4 +1,4 @@
-"""One control tick of a simulated run, written for one robot, shared by the backends."""
+"""One control tick of a simulated run, for one robot, shared by the backends."""
 
 from __future__ import annotations
 
@@ -117,9 +117,7 @@ def draws(key: Array, tick: Array, like: Reading) -> tuple[Reading, Array]:
     sizes = [leaf.shape[-1] for leaf in like]
     joints = sizes[0]
     total = sum(sizes) + joints
-    flat = jax.random.normal(
-        jax.random.fold_in(key, tick), (total,), like.angle.dtype
-    )
+    flat = jax.random.normal(jax.random.fold_in(key, tick), (total,), like.angle.dtype)
     ends = [sum(sizes[: index + 1]) for index in range(len(sizes))]
     parts = [flat[e - n : e] for e, n in zip(ends, sizes, strict=True)]
     return Reading(*parts), flat[total - joints :]
@@ -128,7 +126,7 @@ def draws(key: Array, tick: Array, like: Reading) -> tuple[Reading, Array]:
 def control(
     world: World, values: Values, policy: Array, key: Array, go: Array
 ) -> Callable[[Loop, Array, Plant], tuple[Loop, Array, Row]]:
-    """Return the function of one control tick: (loop, tick, plant) -> (loop, target, row).
+    """Return one control tick: (loop, tick, plant) -> (loop, target, row).
 
     `key` belongs to the run; noise is folded from it by tick, so that all policies of a
     generation meet the same disturbances.

@@ -56,9 +56,7 @@ def bare_data(world: World, impl: str) -> tuple[Any, Any]:
 
 def _float(tree: Any) -> Any:
     """Cast every float to JAX's default float."""
-    return jax.tree.map(
-        lambda leaf: jnp.asarray(leaf, jnp.result_type(float)), tree
-    )
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.result_type(float)), tree)
 
 
 def _substeps(world: World, values: Values, model: Any) -> Callable:

@@ -40,6 +40,7 @@ class Native:
     """Runs of one world on the CPU; every method takes values and a batch."""
 
     def __init__(self, world: World) -> None:
+        """Compile nothing yet; keep the world and find its joints and sensors."""
         self.world = world
         self._where = find_slots(world.model)
         self.begin = _cpu(self._begin_one, (None, 0, 0))

@@ -110,7 +110,9 @@ def add_cause(world: World, name: str, where: list[str], value: float) -> World:
         values = world.values._replace(body=fields)
         return dataclasses.replace(world, values=values, causes=causes)
     slot = entry.slot
-    period = world.task.control_period if slot == "command" else world.model.opt.timestep
+    period = (
+        world.task.control_period if slot == "command" else world.model.opt.timestep
+    )
     key = f"{name}_{len(world.causes)}"
     added = {
         slot: {**getattr(world, slot), key: entry.build(period)},

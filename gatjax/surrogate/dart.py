@@ -125,7 +125,7 @@ class Nao:
 
     def advance(self, target: np.ndarray, alive: np.ndarray) -> None:
         """Run for one control tick; see `course.Machine`."""
-        self.queue.append((self.step + self.late, target[0]))
+        self.queue.append((self.step + self.late, target[0].copy()))
         for _ in range(self.substeps):
             self._substep()
             if (self.step + self.lag) % self.substeps == 0:

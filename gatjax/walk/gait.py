@@ -163,7 +163,9 @@ def _move_hip(
     """Run the option: hip height, body shift, and halting where it does not walk."""
     xp = namespace_of(state.hip)
     option = state.option
-    share = smooth(state.timer * dt, constants.crouch_stand_period + 0.0 * state.hip, 0.0, dt)
+    share = smooth(
+        state.timer * dt, constants.crouch_stand_period + 0.0 * state.hip, 0.0, dt
+    )
     goal = xp.where(option == STANDUP, constants.stand_hip_height, gait.walk_hip_height)
     moving = state.hip_before + (goal - state.hip_before) * share
     moves = (option == STANDUP) | (option == CROUCH)

@@ -64,7 +64,7 @@ def _thigh_frame(legs: Legs, v: Vector) -> Vector:
 
 
 def foot_point(yaw_pitch: Array, legs: Legs, v: Vector) -> Vector:
-    """Position of a foot-fixed point relative to the hip, mm; `v` in ankle frame, mm."""
+    """Position of a foot-fixed point relative to the hip; mm, `v` in ankle frame."""
     ankle = _rotate_y(legs.ankle_pitch, _rotate_x(legs.ankle_roll, v))
     hip = _rotate_x(legs.hip_roll, _thigh_frame(legs, ankle))
     return _yaw_pitch(yaw_pitch, hip)
@@ -85,7 +85,7 @@ def _closed_form(hip: Array, lift: Array, forward: Array, sideways: Array) -> Le
 
 
 def _hip_step(yaw_pitch: Array, legs: Legs, target: Vector) -> tuple[Legs, Array]:
-    """Take one damped least-squares step of hip pitch and roll; return the old z, mm."""
+    """Take one damped least-squares step of hip pitch and roll; return the old z."""
     zero = 0.0 * legs.hip_roll
     w = _thigh_frame(legs, (zero, zero, zero))
     u = _rotate_x(legs.hip_roll, w)

@@ -38,9 +38,15 @@ PARAMETERS = (
     Parameter("max_turn", "rad/s", 0.87, 0.30, 1.5, 0.10, "turn speed at request 1"),
     Parameter("base_leg_lift", "m", 0.010, 0.003, 0.035, 0.002, "foot lift"),
     Parameter("arm_swing", "rad/m", 6.0, 0.0, 14.0, 1.0, "arm against leg"),
-    Parameter("pendulum_height", "mm", 300.0, 200.0, 400.0, 30.0, "inert in the engine"),
-    Parameter("forward_extra_foot_height", "m/m", 0.01, 0.0, 0.1, 0.01, "lift per step"),
-    Parameter("left_extra_foot_height", "m/m", 0.02, 0.0, 0.1, 0.01, "lift per sidestep"),
+    Parameter(
+        "pendulum_height", "mm", 300.0, 200.0, 400.0, 30.0, "inert in the engine"
+    ),
+    Parameter(
+        "forward_extra_foot_height", "m/m", 0.01, 0.0, 0.1, 0.01, "lift per step"
+    ),
+    Parameter(
+        "left_extra_foot_height", "m/m", 0.02, 0.0, 0.1, 0.01, "lift per sidestep"
+    ),
     Parameter("start_lift_divisor", "1", 3.5, 1.5, 6.0, 0.5, "lower first step"),
 )
 """Order of the policy vector [15]."""
