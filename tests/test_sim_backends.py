@@ -4,6 +4,10 @@ Both do the same arithmetic in another order, so they differ by rounding, and co
 multiply that by about ten every few steps of the walk. Runs are short for this reason:
 over 1.2 s of walking 2e-3 m/s is a margin of about ten over what was seen.
 
+The solver gets more iterations than nao.xml's four. Four suffice for contacts, but with
+Coulomb friction it sometimes needs five, and where it is cut off C and MJX are not at
+the same point (1e-5 rad in a tick).
+
 Compiling for mjx takes 40 s here. This file compiles three programs, and tests whatever
 it can by other values in the first of them.
 """
@@ -49,6 +53,7 @@ def counted():
 def build(strong, scale=1.0):
     """A world with every cause, of which those in `strong` do something."""
     world = add_command(nominal(TASK), "counted", counted(), 0.0)
+    world.model.opt.iterations, world.model.opt.ls_iterations = 30, 30
     for name, value in CAUSES.items():
         value = scale * value if name in strong else CATALOGUE[name].neutral
         world = add_cause(world, name, ["all"], value)
@@ -100,8 +105,8 @@ def test_both_backends_agree_on_cost_and_falls(mix, native, mjx, policies, keys)
 
 
 def test_both_backends_see_the_same_falls(native, mjx, policies, keys):
-    """Legs of 1.2 N m can't carry the robot."""
-    world = add_cause(build([]), "torque_limit", ["all"], 1.2)
+    """Legs of 0.6 N m can't carry the robot."""
+    world = add_cause(build([]), "torque_limit", ["all"], 0.6)
     values = Values(**{**build([]).values._asdict(), "body": world.values.body})
     ours, first = native.rollout(values, policies, keys)
     theirs, second = mjx.rollout(values, policies, keys)

@@ -148,9 +148,10 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
         f"{'closed/bare':>12} {'compile s':>10}  device"
     ]
     for row in rows:
+        closed, bare = row["closed_steps_per_s"], row["bare_steps_per_s"]
         lines.append(
-            f"{row['backend']:<10} {row['worlds']:>6} "
-            f"{row['closed_steps_per_s']:>15,.0f} {row['bare_steps_per_s']:>13,.0f} {row['closed_over_bare']:>12.2f} "
-            f"{row['compile_s']:>10.1f}  {row['device']}"
+            f"{row['backend']:<10} {row['worlds']:>6} {closed:>15,.0f} {bare:>13,.0f} "
+            f"{row['closed_over_bare']:>12.2f} {row['compile_s']:>10.1f}  "
+            f"{row['device']}"
         )
     return "\n".join(lines)

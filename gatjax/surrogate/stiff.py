@@ -76,7 +76,7 @@ def _joints(root: ElementTree.Element) -> None:
             default.remove(servo_default)
         for joint in default.findall("joint"):
             joint.attrib.pop("damping", None)
-    friction = dict(zip(JOINTS, servo(E1).friction, strict=True))
+    friction: dict[str, float] = dict(zip(JOINTS, servo(E1).friction, strict=True))
     friction["LHipYawPitch"] *= 0.5  # one motor, half of it on each side
     friction["RHipYawPitch"] = friction["LHipYawPitch"]
     for joint in root.iter("joint"):
