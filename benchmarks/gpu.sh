@@ -1,13 +1,13 @@
 #!/usr/bin/env bash
 # Measure gatjax on a machine with an NVIDIA GPU: bench of every backend at the paper's
-# size, then one generation of the paper's search. JSON and logs go to $OUT (here: out).
+# size, and one generation of the paper's search. JSON, CSV and log go to $OUT (else: out).
 #
 # Where pip can install gatjax[cuda,warp], do that and call this. On a machine without a
 # network, gpu_pack.sh makes .whl/0, .whl/1, ...: call this once with each; the parts add
 # up in /tmp as long as the machine is kept, and the call with the last one measures.
 #
 #   WORLDS, SECONDS_EACH, POPULATION, ROLLOUTS   smaller, to try the script on a CPU
-#   BACKENDS                                     "native" on a machine without a GPU
+#   BACKENDS   "native" on a machine without a GPU; one at a time where a call may not last
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -19,7 +19,7 @@ mkdir -p "$out"
 if compgen -G '.whl/*/count' >/dev/null; then
     mkdir -p "$parts"
     cp .whl/*/part.* "$parts/"
-    count=$(cat .whl/*/count | head -1)
+    count=$(sort -u .whl/*/count)
     found=$(find "$parts" -name 'part.*' | wc -l)
     if [ "$found" -lt "$count" ]; then
         echo "$found of $count parts are here; call again with the next"
@@ -45,20 +45,23 @@ size=(--worlds "${WORLDS:-3000}" --seconds "${SECONDS_EACH:-7.5}")
 paper=(--population "${POPULATION:-150}" --rollouts "${ROLLOUTS:-20}" --generations 1)
 failed=0
 
-nvidia-smi >"$out/gpu.txt" 2>&1 || echo "no NVIDIA GPU here"
-gatjax doctor 2>&1 | tee "$out/doctor.txt" || failed=1
+exec > >(tee "$out/log.txt") 2>&1
+nvidia-smi || echo "no NVIDIA GPU here"
+gatjax doctor || failed=1
 
 # One process a backend: its peak memory is its own, and one that breaks stops no other.
 for backend in ${BACKENDS:-mjx-jax mjx-warp native}; do
     echo "== bench $backend"
-    gatjax bench "${size[@]}" --backends "$backend" --json "$out/bench-$backend.json" \
-        2>&1 | tee "$out/bench-$backend.txt" || failed=1
+    gatjax bench "${size[@]}" --backends "$backend" --json "$out/bench-$backend.json" ||
+        failed=1
+    echo "== one generation of the paper on $backend"
     kind=(--backend "${backend%%-*}")
     [ "$backend" = native ] || kind+=(--impl "${backend#*-}")
-    echo "== one generation of the paper on $backend"
     search=$(mktemp -d)
-    { time gatjax search "${paper[@]}" "${kind[@]}" --out "$search" ; } \
-        2>&1 | tee "$out/paper-$backend.txt" || failed=1
-    cp "$search/metrics.csv" "$out/paper-$backend.csv" || failed=1
+    if time gatjax search "${paper[@]}" "${kind[@]}" --out "$search"; then
+        cp "$search/metrics.csv" "$out/paper-$backend.csv"
+    else
+        failed=1
+    fi
 done
 exit "$failed"

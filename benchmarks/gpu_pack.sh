@@ -34,7 +34,7 @@ trap 'rm -rf "$work"' EXIT
     --constraint constraints.txt --target "$work/site" "${packages[@]}"
 # Warp compiles for the CPU with it, and nothing here runs Warp on the CPU.
 rm -rf "$work"/site/warp/bin/warp-clang.so "$work"/site/warp/examples
-tar -C "$work/site" -c . | xz -T0 -3 | split -b 45M -d -a 1 - "$work/part."
+tar -C "$work/site" -c . | xz -T0 -3 | split -b 55M -d -a 1 - "$work/part."
 count=$(find "$work" -name 'part.*' | wc -l)
 for part in "$work"/part.*; do
     folder=.whl/${part##*.}

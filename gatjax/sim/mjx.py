@@ -21,6 +21,7 @@ from gatjax.sim import episode
 from gatjax.sim.world import Values, World, dropped_by_mjx, fields_applied
 
 Array = Any
+TRACE = 1e-9  # N m, least dry friction of a world with friction; see `_with_fields`
 CONTACTS, ROWS = 9, 96  # MJX-Warp buffers per world: 8 sole contacts, limits, equality
 
 
@@ -47,6 +48,9 @@ def bare_data(world: World, impl: str) -> tuple[Any, Any]:
     """Return MJX's model and data of a world with its field changes."""
     check(world, impl)
     model = fields_applied(world)
+    if "dof_frictionloss" in world.values.body:  # a row for each joint, at any value
+        dofs = find_slots(model).velocity
+        model.dof_frictionloss[dofs] = np.maximum(model.dof_frictionloss[dofs], TRACE)
     if impl == "warp":
         return mjx.put_model(model, impl=impl), mjx.make_data(
             model, impl=impl, nconmax=CONTACTS, njmax=ROWS
@@ -57,6 +61,20 @@ def bare_data(world: World, impl: str) -> tuple[Any, Any]:
 def _float(tree: Any) -> Any:
     """Cast every float to JAX's default float."""
     return jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.result_type(float)), tree)
+
+
+def _with_fields(model: Any, body: dict[str, Array]) -> Any:
+    """Return MJX's model with a world's field changes.
+
+    Which joints have friction is structure for MJX: it ignores what is added to the
+    others, and takes a friction of 0 for a brake. So friction is never quite 0.
+    """
+    if not body:
+        return model
+    if "dof_frictionloss" in body:
+        friction = jnp.maximum(body["dof_frictionloss"], TRACE)
+        body = body | {"dof_frictionloss": friction}
+    return model.tree_replace(body)
 
 
 def _substeps(world: World, values: Values, model: Any) -> Callable:
@@ -90,7 +108,7 @@ def _run(world: World, impl: str, keep: Callable) -> Callable:
 
     def run(values: Values, policy: Array, key: Array) -> tuple[Any, episode.Loop]:
         values, policy = _float(values), _float(policy)
-        model = base_model.tree_replace(values.body) if values.body else base_model
+        model = _with_fields(base_model, values.body)
         start_key, noise_key = jax.random.split(key)
         begin = episode.start(world, where, policy, start_key)
         data = base_data.replace(
@@ -160,7 +178,7 @@ def replay(world: World, impl: str = "jax") -> Callable[..., Array]:
         values: Values, commands: Array, angles: Array, qpos: Array, qvel: Array
     ) -> Array:
         values = _float(values)
-        model = base_model.tree_replace(values.body) if values.body else base_model
+        model = _with_fields(base_model, values.body)
         data = base_data.replace(qpos=_float(qpos), qvel=_float(qvel))
         commands, angles = _float(commands), _float(angles)
         still = jnp.zeros_like(angles[0])

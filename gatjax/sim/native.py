@@ -6,6 +6,7 @@ CPU function over all robots. Robots that fell or finished are no longer stepped
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -22,6 +23,17 @@ from gatjax.sim import episode
 from gatjax.sim.world import Values, World, fields_applied
 
 Array = Any
+SMALLEST = 64  # rows of a compiled batch
+
+
+def _padding(count: int) -> np.ndarray:
+    """Rows that fill a batch up to a power of two, 64 at least.
+
+    The compiled control loop then serves many batch sizes; rows that are only padding
+    are never stepped, so they cost next to nothing.
+    """
+    size = max(SMALLEST, 1 << (count - 1).bit_length())
+    return np.minimum(np.arange(size), count - 1)
 
 
 def _cpu(function: Callable, axes: tuple) -> Callable:
@@ -93,9 +105,7 @@ class Native:
     # batches
 
     def _batch(self, values: Values, size: int) -> batch.Batch:
-        world = self.world
-        body = world.values._replace(body=values.body)
-        model = fields_applied(type(world)(**{**vars(world), "values": body}))
+        model = fields_applied(dataclasses.replace(self.world, values=values))
         # A run that diverges must stay so: MuJoCo would set it up again, standing.
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         return batch.Batch(model, nsim=size)
@@ -117,9 +127,13 @@ class Native:
         return motor
 
     def _run(self, values: Values, policies: Array, keys: Array, keep: Callable) -> Any:
-        policies = jnp.asarray(policies, jnp.result_type(float))
-        begin, loop, motor, noise_keys = self.begin(values, policies, keys)
-        physics = self._batch(values, len(policies))
+        count = len(policies)
+        rows = _padding(count)
+        policies = jnp.asarray(policies, jnp.result_type(float))[rows]
+        begin, loop, motor, noise_keys = self.begin(values, policies, keys[rows])
+        real = jnp.arange(len(rows)) < count
+        loop = loop._replace(score=loop.score._replace(alive=real))
+        physics = self._batch(values, len(rows))
         physics.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
         physics.qpos[:], physics.qvel[:] = begin.qpos, begin.qvel
         sensors = physics.bind("sensordata")
@@ -128,16 +142,17 @@ class Native:
                 values, policies, noise_keys, begin.go, loop,
                 jnp.int32(tick), physics.qpos, physics.qvel, sensors,
             )  # fmt: skip
-            keep(row)
+            keep(row, count)
             ids = np.flatnonzero(np.asarray(loop.score.alive))
             if len(ids) == 0:
                 break
             motor = self._advance(physics, values, motor, target, ids)
-        return jax.tree.map(np.asarray, episode.verdict(self.world, loop))
+        verdict = episode.verdict(self.world, loop)
+        return jax.tree.map(lambda leaf: np.asarray(leaf)[:count], verdict)
 
     def outcome(self, values: Values, policies: Array, keys: Array) -> Outcome:
         """Closed-loop runs of policies [B, 15] with keys [B] -> Outcome [B]."""
-        return self._run(values, policies, keys, keep=lambda row: None)
+        return self._run(values, policies, keys, keep=lambda row, count: None)
 
     def rollout(
         self, values: Values, policies: Array, keys: Array
@@ -146,7 +161,9 @@ class Native:
         rows: list[episode.Row] = []
         verdict = self._run(
             values, policies, keys,
-            keep=lambda row: rows.append(jax.tree.map(np.asarray, row)),
+            keep=lambda row, count: rows.append(
+                jax.tree.map(lambda leaf: np.asarray(leaf)[:count], row)
+            ),
         )  # fmt: skip
         last = jax.tree.map(lambda leaf: np.array(leaf), rows[-1])
         last = last._replace(alive=np.zeros_like(last.alive))
