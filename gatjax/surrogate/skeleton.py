@@ -156,6 +156,7 @@ class Ground:
         self.feet = [robot.getBodyNode(name) for name in FEET]
         self.corners = model.geom_pos[geoms].reshape(2, 4, 3)
         self.spheres = np.zeros((8, 3))  # m, world frame
+        self.place, self.turn = np.zeros((8, 3)), np.zeros((8, 3, 3))  # of the plates
         self.skeleton = dartpy.dynamics.Skeleton("floor")
         self.joints = [self._plate() for _ in FORCE_SENSORS]
 
@@ -178,17 +179,25 @@ class Ground:
             frame = foot.getWorldTransform()
             spheres[:] = corners @ frame.rotation().T + frame.translation()
         height, slope = self.floor.at(self.spheres[:, :2])
-        ones, zeros = np.ones(8), np.zeros(8)
-        up = np.stack([-slope[:, 0], -slope[:, 1], ones], -1)
-        along = np.stack([ones, zeros, slope[:, 0]], -1)
-        up /= np.sqrt((up * up).sum(-1, keepdims=True))
-        along /= np.sqrt((along * along).sum(-1, keepdims=True))
-        across = np.cross(up, along)
-        turn = np.stack([along, across, up], axis=-1)
-        place = np.concatenate([self.spheres[:, :2], height[:, None]], axis=-1)
-        for joint, matrix, point in zip(self.joints, turn, place, strict=True):
+        self._tilt(slope[:, 0], slope[:, 1])
+        self.place[:, :2] = self.spheres[:, :2]
+        self.place[:, 2] = height
+        for joint, matrix, point in zip(
+            self.joints, self.turn, self.place, strict=True
+        ):
             frame = dartpy.math.Isometry3(matrix, point)
             joint.setTransformFromParentBodyNode(frame)
+
+    def _tilt(self, x: np.ndarray, y: np.ndarray) -> None:
+        """Turn the plates to slopes x, y [8]: columns along, across, up."""
+        up = 1.0 / np.sqrt(1.0 + x * x + y * y)
+        along = 1.0 / np.sqrt(1.0 + x * x)
+        turn = self.turn
+        turn[:, 0, 0], turn[:, 2, 0] = along, x * along
+        turn[:, 0, 2], turn[:, 1, 2], turn[:, 2, 2] = -x * up, -y * up, up
+        turn[:, 0, 1] = -x * y * up * along
+        turn[:, 1, 1] = (1.0 + x * x) * up * along
+        turn[:, 2, 1] = y * up * along
 
     def forces(self, contacts: list) -> np.ndarray:
         """Forces of contacts on the eight sole corners [8], N, along the normals."""
