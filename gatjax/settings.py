@@ -66,7 +66,8 @@ class LoopSettings:
 DEMO = LoopSettings(
     robot_trajectories=30,
     simulator_trajectories=30,
-    search=SearchSettings(population=40, rollouts=4, generations=8),
+    evaluations=4,
+    search=SearchSettings(population=40, rollouts=4, generations=6),
 )
 """Fits 2 cores in ten minutes."""
 

@@ -177,14 +177,33 @@ def test_replaying_a_recording_gives_the_recording(native, recorded):
     )
 
 
-def test_both_backends_replay_the_same(native, mjx, recorded):
-    values, _, (commands, warm, qpos, qvel) = recorded
-    commands = commands[:, :41]  # 0.8 s, about 0.4 s of it walking
-    ours = native.replay(values, commands, warm, qpos, qvel)
-    theirs = np.asarray(mjx.replay(values, commands, warm, qpos, qvel))
+@pytest.fixture(scope="module")
+def middle(recorded):
+    """A window that begins amid the walk: its warm-up moves, 4 of 44 ticks."""
+    values, walk, (_, _, qpos, qvel) = recorded
+    ticks, warm = slice(25, 69), slice(25, 29)
+    return values, (walk.command[:, ticks], walk.reading.angle[:, warm], qpos, qvel)
+
+
+def test_both_backends_replay_the_same(native, mjx, middle):
+    values, arguments = middle
+    ours = native.replay(values, *arguments)
+    theirs = np.asarray(mjx.replay(values, *arguments))
     assert ours.shape == theirs.shape == (COUNT, 40, 25)
     assert np.ptp(ours, axis=1).max() > 0.1  # it moves
     np.testing.assert_allclose(theirs, ours, rtol=0, atol=3e-5)
+
+
+@pytest.mark.parametrize("names, remembers", [
+    ([], False), (["command_delay"], True), (["backlash"], True),
+])  # fmt: skip
+def test_the_warm_up_is_what_effects_remember(native, middle, names, remembers):
+    """Other commands in the warm-up alone: only effects with a memory can tell."""
+    values, (commands, *rest) = build(names).values, middle[1]
+    other = commands.copy()
+    other[:, :4] += 0.05
+    gap = native.replay(values, other, *rest) - native.replay(values, commands, *rest)
+    assert (np.abs(gap).max() > 1e-4) == remembers
 
 
 def test_replay_obeys_the_effects(native, recorded):

@@ -30,6 +30,7 @@ TORSO, FEET = "torso", ("LFoot", "RFoot")
 LEG_JOINTS = ("YawPitch", "HipRoll", "HipPitch", "KneePitch", "AnklePitch", "AnkleRoll")
 PLATE = 0.02  # m, side of a plate
 PLATE_MASS = 0.3  # kg [A], little beside the foot's load; its damper needs it at 1 ms
+LAID = 2e-4  # m, a plate follows its corner once it is this far (height error 2 um)
 PLATE_STIFFNESS = 4e4  # N/m, E1's soft contact gives 0.2 mm at 8 N, measured in `stiff`
 QUARTER = 0.25 * (nao.TOTAL_MASS + E1.extra_mass)  # kg, on one corner of a foot
 PLATE_DAMPING = 2.0 / E1.floor_time_constant * QUARTER  # N s/m, rate of solref
@@ -156,6 +157,7 @@ class Ground:
         self.feet = [robot.getBodyNode(name) for name in FEET]
         self.corners = model.geom_pos[geoms].reshape(2, 4, 3)
         self.spheres = np.zeros((8, 3))  # m, world frame
+        self.laid = np.full((8, 3), np.inf)  # where the plates were laid last
         self.place, self.turn = np.zeros((8, 3)), np.zeros((8, 3, 3))  # of the plates
         self.skeleton = dartpy.dynamics.Skeleton("floor")
         self.joints = [self._plate() for _ in FORCE_SENSORS]
@@ -178,15 +180,17 @@ class Ground:
         ):
             frame = foot.getWorldTransform()
             spheres[:] = corners @ frame.rotation().T + frame.translation()
+        moved = np.abs(self.spheres - self.laid).max(-1) > LAID
+        if not moved.any():
+            return
+        self.laid[moved] = self.spheres[moved]
         height, slope = self.floor.at(self.spheres[:, :2])
         self._tilt(slope[:, 0], slope[:, 1])
         self.place[:, :2] = self.spheres[:, :2]
         self.place[:, 2] = height
-        for joint, matrix, point in zip(
-            self.joints, self.turn, self.place, strict=True
-        ):
-            frame = dartpy.math.Isometry3(matrix, point)
-            joint.setTransformFromParentBodyNode(frame)
+        for plate in np.flatnonzero(moved):
+            frame = dartpy.math.Isometry3(self.turn[plate], self.place[plate])
+            self.joints[plate].setTransformFromParentBodyNode(frame)
 
     def _tilt(self, x: np.ndarray, y: np.ndarray) -> None:
         """Turn the plates to slopes x, y [8]: columns along, across, up."""
