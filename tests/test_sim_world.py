@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import shutil
 
 import jax
 import jax.numpy as jnp
@@ -153,6 +154,8 @@ def test_a_world_may_bring_its_own_model(tmp_path):
      "backlash needs 'width'"),
     ({"effects": [{"cause": "backlash", "where": ["Tail"], "values": {"width": 1.0}}]},
      "no joint 'Tail'"),
+    ({"effects": [{"cause": "backlash", "where": ["all"], "values": {"width": 9.0}}]},
+     r"width 9.0 rad is out of range; use 0.0 to 0.2"),
 ])  # fmt: skip
 def test_a_wrong_file_is_refused_in_one_line(tmp_path, change, message):
     text = {"schema": "gatjax.world/1", "model": "nao", "effects": []} | change
@@ -160,6 +163,24 @@ def test_a_wrong_file_is_refused_in_one_line(tmp_path, change, message):
     with pytest.raises((ValueError, FileNotFoundError), match=message) as caught:
         read_world(tmp_path / "world.json")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("key", ["model", "effects"])
+def test_a_file_without_a_needed_key_says_which(tmp_path, key):
+    text = {"schema": "gatjax.world/1", "model": "nao", "effects": []}
+    del text[key]
+    (tmp_path / "world.json").write_text(json.dumps(text))
+    with pytest.raises(ValueError, match=f"'{key}' is missing"):
+        read_world(tmp_path / "world.json")
+
+
+def test_a_world_file_and_its_model_can_move_together(tmp_path):
+    (tmp_path / "a").mkdir()
+    shutil.copy(robot_model.MODEL_FILE, tmp_path / "a" / "robot.xml")
+    world = nominal(Task(), tmp_path / "a" / "robot.xml")
+    write_world(tmp_path / "a" / "world.json", world, {}, None)
+    (tmp_path / "a").rename(tmp_path / "b")
+    read_world(tmp_path / "b" / "world.json")
 
 
 def test_a_file_that_is_missing_or_cut_off_is_refused(tmp_path):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -103,6 +104,11 @@ def add_cause(world: World, name: str, where: list[str], value: float) -> World:
     entry = cause(name)
     names = robot_model.joint_names(world.model)
     params = _per_joint(names, where, value, entry.neutral)
+    if value != entry.neutral and not entry.low <= value <= entry.high:
+        raise ValueError(
+            f"{name}: {entry.parameter} {value} {entry.unit} is out of range; use "
+            f"{entry.low} to {entry.high}, or {entry.neutral} for none"
+        )
     row = {"cause": name, "where": list(where), "values": {entry.parameter: value}}
     causes = (*world.causes, row)
     if entry.slot == "body":
@@ -143,9 +149,12 @@ def dropped_by_mjx(model: mujoco.MjModel) -> list[str]:
 
 def write_world(path: Path, world: World, made_by: dict, grounding: str | None) -> None:
     """Write world.json."""
+    source = world.source
+    if source != "nao":  # beside the world file, so that both can move together
+        source = os.path.relpath(source, path.parent)
     text = {
         "schema": SCHEMA,
-        "model": world.source,
+        "model": source,
         "effects": list(world.causes),
         "grounding": grounding,
         "made_by": made_by,
@@ -163,6 +172,9 @@ def read_world(path: Path, task: Task = Task()) -> tuple[World, Path | None]:
         raise ValueError(f"{path} is not JSON: {error}") from error
     if text.get("schema") != SCHEMA:
         raise ValueError(f"{path}: schema is {text.get('schema')!r}, need {SCHEMA!r}")
+    missing = [key for key in ("model", "effects") if key not in text]
+    if missing:
+        raise ValueError(f"{path}: {missing[0]!r} is missing; see docs/files.md")
     source = text["model"]
     world = nominal(task, source if source == "nao" else Path(path).parent / source)
     for row in text["effects"]:

@@ -164,6 +164,8 @@ class Flock:
         first = int(model.sensor(JOINTS[0]).adr[0])
         self.joint_sensor = slice(first, first + joints)
         self.motor, self.line = slice(0, joints), slice(joints, 2 * joints)
+        # a run that diverges must stay so: MuJoCo would set it up again, standing
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         batch = self.batch = Batch(model, nsim=len(runs), nthread=THREADS)
         self.qpos, self.ctrl = batch.bind("qpos"), batch.bind("ctrl")
         self.arrived = batch.bind("actuator_force")
