@@ -11,8 +11,6 @@ import numpy as np
 import pytest
 
 from gatjax.runs import (
-    FOLDERS,
-    TABLES,
     add_rows,
     latest_run,
     open_run,
@@ -22,6 +20,8 @@ from gatjax.runs import (
     write_json,
     write_policy,
 )
+from gatjax.runs.folder import FOLDERS
+from gatjax.runs.tables import TABLES
 from gatjax.walk.parameters import PARAMETERS
 
 THETA0 = np.array([parameter.theta0 for parameter in PARAMETERS])

@@ -1,0 +1,24 @@
+"""The run folder: what a run leaves behind, and how another run goes on from it.
+
+The files and their columns are in `docs/files.md`. Everything is text, and a file is
+either written whole or not at all (`write_whole`), so a kill at any moment leaves a
+folder that can be read and resumed.
+"""
+
+from gatjax.runs.files import write_json, write_whole
+from gatjax.runs.folder import RunFolder, latest_run, open_run, resume_run
+from gatjax.runs.policies import read_policy, write_policy
+from gatjax.runs.tables import add_rows, read_table
+
+__all__ = [
+    "RunFolder",
+    "add_rows",
+    "latest_run",
+    "open_run",
+    "read_policy",
+    "read_table",
+    "resume_run",
+    "write_json",
+    "write_policy",
+    "write_whole",
+]

@@ -1,0 +1,64 @@
+"""Files that are written whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+
+def write_json(path: Path, tree: Mapping[str, Any]) -> None:
+    """Writes a json file, whole or not at all.
+
+    Raises:
+        OSError: one line; nothing was changed.
+    """
+    write_whole({path: (json.dumps(tree, indent=2, default=as_json) + "\n").encode()})
+
+
+def write_whole(files: Mapping[Path, bytes]) -> None:
+    """Writes files beside their places and then renames them: all or none.
+
+    Raises:
+        OSError: one line; nothing was changed.
+    """
+    halves = {path.with_name(f".{path.name}.{os.getpid()}"): path for path in files}
+    target = next(iter(files))
+    try:
+        for half, target in halves.items():
+            with open(half, "wb") as file:
+                file.write(files[target])
+                file.flush()
+                os.fsync(file.fileno())
+        for half, target in halves.items():
+            os.replace(half, target)
+    except OSError as error:
+        raise OSError(
+            f"{target}: cannot be written ({error.strerror}); nothing was changed, "
+            f"free some space or choose another folder"
+        ) from error
+    finally:
+        for half in halves:
+            half.unlink(missing_ok=True)
+
+
+def as_json(value: Any) -> Any:
+    """What json does not know: paths, numpy numbers and arrays."""
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    raise TypeError(f"{value!r} is a {type(value).__name__}, which json can not hold")
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """A json file that holds an object."""
+    try:
+        tree = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise ValueError(f"{path}: not JSON: {error}") from error
+    if not isinstance(tree, dict):
+        raise ValueError(f"{path}: expected {{key: value}}")
+    return tree
