@@ -45,8 +45,8 @@ class Task(NamedTuple):
     @property
     def ticks(self) -> int:
         """Control ticks that hold the longest run."""
-        seconds = self.settle + self.longest_delay + self.duration
-        return round(seconds / self.control_period) + 1
+        parts = (self.settle, self.longest_delay, self.duration)
+        return sum(round(part / self.control_period) for part in parts) + 1
 
 
 def task_at(rate_hz: float, **changes: Any) -> Task:

@@ -62,11 +62,27 @@ def done(tmp_path_factory, robot):
 
 def test_a_run_leaves_what_the_contract_says(done):
     rows = without_seconds(done / "metrics.csv")
-    assert len(rows) == 1 + 2 * 2 * 2  # theta0; methods x generations x best, mean
+    chosen = [row for row in rows if row["candidate"] == "chosen"]
+    assert len(rows) == 1 + 2 * 2 * 2 + len(chosen)  # theta0; methods x generations x 2
+    assert {row["method"] for row in chosen} == {"none", "gat"}
+    assert all(row["robot_rollouts"] == 10 for row in chosen)
+    assert all(row["generation"] > 0 for row in chosen)
     assert all(row["robot_rollouts"] for row in rows)
-    searched = [row for row in rows if row["method"] != "theta0"]
+    searched = [row for row in rows if row["candidate"] != "chosen"]
+    searched = [row for row in searched if row["method"] != "theta0"]
     assert all(row["simulator_velocity_m_s"] is not None for row in searched)
-    assert len(runs.read_table(done / "evaluations.csv")) == 4 + 8 * 2
+    walks = runs.read_table(done / "evaluations.csv")
+    assert len(walks) == 10 + 8 * 2 + len(chosen) * 10
+    for method in ("none", "gat"):
+        seeds = {
+            kind: {
+                row["seed"]
+                for row in walks
+                if row["method"] == method and (row["candidate"] == "chosen") == kind
+            }
+            for kind in (True, False)
+        }
+        assert seeds[True] and not seeds[True] & seeds[False]
     horizons = {row["horizon_s"] for row in runs.read_table(done / "prediction.csv")}
     assert horizons == {0.02, 0.5}
     for name in ("theta0", "gat_0_1_best", "none_0_0_mean"):
@@ -77,28 +93,61 @@ def test_a_run_leaves_what_the_contract_says(done):
     assert build_report(done).stat().st_size > 50_000
 
 
-@pytest.mark.parametrize(
-    "stop_at",
-    ["gat: generation 2 of 2", "gat: walk on the robot", "gat: ground the simulator"],
-)
-def test_a_stopped_run_goes_on_with_the_same_numbers(stop_at, done, robot, tmp_path):
+def _is_check(path, rows):
+    """The rows that measure the candidates of a finished search in the simulator."""
+    return "simulator_falls" in rows[0]
+
+
+def _is_robot_summary(path, rows):
+    """The second table that an evaluation on the robot writes."""
+    return "robot_falls" in rows[0]
+
+
+STOPS = {
+    "in the search": (None, "gat: generation 2 of 2"),
+    "before the robot walks": (None, "gat: walk on the robot"),
+    "before grounding": (None, "gat: ground the simulator"),
+    "after the last checkpoint": (_is_check, None),
+    "between two tables": (_is_robot_summary, None),
+}
+
+
+@pytest.mark.parametrize("where", STOPS)
+def test_a_stopped_run_goes_on_with_the_same_numbers(
+    where, done, robot, tmp_path, monkeypatch
+):
     folder = tmp_path / "run"
     shutil.copytree(done, folder)
     for path in folder.glob("**/gat_*"):
         shutil.rmtree(path) if path.is_dir() else path.unlink()
-    for name in ("metrics.csv", "evaluations.csv", "prediction.csv"):
+    tables = ("metrics.csv", "evaluations.csv", "prediction.csv")
+    for name in tables:
         lines = (folder / name).read_text().splitlines(keepends=True)
         (folder / name).write_text("".join(x for x in lines if not x.startswith("gat")))
-    with pytest.raises(KeyboardInterrupt):
-        loop.run(folder, SETTINGS, robot, quiet(stop_at))
+    rows_to_stop_at, stage = STOPS[where]
+    add_rows = runs.add_rows
+
+    def add_or_stop(path, rows):
+        if rows_to_stop_at is not None and rows_to_stop_at(path, rows):
+            raise KeyboardInterrupt
+        add_rows(path, rows)
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(runs, "add_rows", add_or_stop)
+        loop.run(folder, SETTINGS, robot, quiet(stage))
     loop.run(folder, SETTINGS, robot, quiet())
-    assert without_seconds(folder / "metrics.csv") == without_seconds(
-        done / "metrics.csv"
-    )
+    for name in tables:
+        assert rows_of(folder / name) == rows_of(done / name)
     for path in (done / "policies").glob("*.json"):
         np.testing.assert_array_equal(
             runs.read_policy(path), runs.read_policy(folder / "policies" / path.name)
         )
+
+
+def rows_of(path):
+    """Rows of a table in a fixed order, without the times that differ."""
+    rows = [{**row, "seconds": None} for row in runs.read_table(path)]
+    return sorted(rows, key=lambda row: [str(value) for value in row.values()])
 
 
 def test_a_finished_run_does_nothing_again(done, tmp_path):

@@ -1,7 +1,9 @@
 """Worlds: what they are made of, their file, and runs of them on the native backend."""
 
 import dataclasses
+import errno
 import json
+import os
 import shutil
 
 import jax
@@ -15,6 +17,7 @@ from gatjax.records import JOINTS
 from gatjax.robot import model as robot_model
 from gatjax.sim.backend import prepare
 from gatjax.sim.native import Native
+from gatjax.sim.poses import write_walk
 from gatjax.sim.world import (
     add_cause,
     dropped_by_mjx,
@@ -127,6 +130,7 @@ def test_the_file_is_the_documented_one(tmp_path):
     assert json.loads((tmp_path / "world.json").read_text()) == {
         "schema": "gatjax.world/1",
         "model": "nao",
+        "rate_hz": 50.0,
         "effects": [
             {"cause": "backlash", "where": ["LKneePitch"], "values": {"width": 0.018}}
         ],
@@ -156,6 +160,22 @@ def test_a_world_may_bring_its_own_model(tmp_path):
      "no joint 'Tail'"),
     ({"effects": [{"cause": "backlash", "where": ["all"], "values": {"width": 9.0}}]},
      r"width 9.0 rad is out of range; use 0.0 to 0.2"),
+    ({"effects": {}}, "effects is {}"),
+    ({"model": 3}, "model is 3"),
+    ({"grounding": 3}, "grounding is 3"),
+    ({"grounding": ".", "rate_hz": "fast"}, "rate_hz is 'fast'"),
+    ({"grounding": ".", "rate_hz": 0}, "rate_hz is 0; it is a number > 0"),
+    ({"grounding": ".", "rate_hz": 100.0}, "learned at 100 Hz, used at 50 Hz"),
+    ({"effects": ["backlash"]}, "effect 1 must be {cause, where, values}"),
+    ({"effects": [{"where": ["all"], "values": {}}]}, "effect 1 must be"),
+    ({"effects": [{"cause": "backlash", "values": {"width": 0.1}}]}, "where is None"),
+    ({"effects": [{"cause": "backlash", "where": "all", "values": {"width": 0.1}}]},
+     "where is 'all'; it must be a list"),
+    ({"effects": [{"cause": "backlash", "where": [1], "values": {"width": 0.1}}]},
+     r"where is \[1\]"),
+    ({"effects": [{"cause": "backlash", "where": ["all"]}]}, "values is None"),
+    ({"effects": [{"cause": "backlash", "where": ["all"], "values": {"width": "x"}}]},
+     "width is 'x'; it must be a number in rad"),
 ])  # fmt: skip
 def test_a_wrong_file_is_refused_in_one_line(tmp_path, change, message):
     text = {"schema": "gatjax.world/1", "model": "nao", "effects": []} | change
@@ -163,6 +183,43 @@ def test_a_wrong_file_is_refused_in_one_line(tmp_path, change, message):
     with pytest.raises((ValueError, FileNotFoundError), match=message) as caught:
         read_world(tmp_path / "world.json")
     assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_holds_no_object_is_refused(tmp_path):
+    (tmp_path / "world.json").write_text("[]")
+    with pytest.raises(ValueError, match="expected {key: value}"):
+        read_world(tmp_path / "world.json")
+
+
+def test_a_world_without_a_grounding_runs_at_any_rate(tmp_path):
+    write_world(tmp_path / "world.json", nominal(), {}, None)
+    read_world(tmp_path / "world.json", task_at(100.0))
+    write_world(tmp_path / "world.json", nominal(task_at(83.3)), {}, ".")
+    read_world(tmp_path / "world.json", task_at(83.3))
+    with pytest.raises(ValueError, match=r"choose --rate-hz 83\.3, or ground at 100"):
+        read_world(tmp_path / "world.json", task_at(100.0))
+
+
+def no_space(_):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def test_a_world_file_and_a_walk_are_written_whole_or_not_at_all(tmp_path, monkeypatch):
+    world = nominal(SHORT)
+    walk, _ = prepare(world).rollout(world.values, *batch(1))
+    walk = jax.tree.map(lambda leaf: np.asarray(leaf)[0], walk)
+    write_world(tmp_path / "world.json", world, {}, None)
+    write_walk(tmp_path / "walk.npz", world.model, walk, "one")
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    monkeypatch.setattr(os, "fsync", no_space)
+    with pytest.raises(OSError, match="nothing was changed"):
+        write_world(tmp_path / "world.json", world, {"by": "another"}, None)
+    with pytest.raises(OSError, match="nothing was changed"):
+        write_walk(tmp_path / "walk.npz", world.model, walk, "another")
+    assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before
+    with np.load(tmp_path / "walk.npz", allow_pickle=False) as file:
+        assert str(file["label"]) == "one"
+        assert len(file["time"]) == len(file["body_position"]) > 5
 
 
 @pytest.mark.parametrize("key", ["model", "effects"])

@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 import sys
 import traceback
+from typing import Any
 
-from gatjax.cli.arguments import parse
+from gatjax.cli.arguments import Run, Search, parse
 
 STOPPED, FAILED = 130, 1  # exit codes: Ctrl-C, an error
+EXPECTED = (ValueError, OSError, RuntimeError, ImportError)  # their text is for users
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -21,18 +23,39 @@ def main(arguments: list[str] | None = None) -> int:
     debug = "--debug" in given
     given = [word for word in given if word != "--debug"] or ["--help"]
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "2")
+    chosen = None
     try:
         chosen = parse(given)
         from gatjax.cli.verbs import act  # jax and mujoco load here, after --help
 
         act(chosen)
     except KeyboardInterrupt:
-        print("gatjax: stopped; `gatjax run --resume` goes on", file=sys.stderr)
+        print(f"gatjax: stopped; {_kept(chosen)}", file=sys.stderr)
         return STOPPED
-    except (ValueError, OSError, RuntimeError, ImportError) as error:
+    except Exception as error:
         if debug:
             traceback.print_exc()
-        line = " ".join(str(error).split()) or type(error).__name__
-        print(f"gatjax: {line}", file=sys.stderr)
+        print(f"gatjax: {_line(error)}", file=sys.stderr)
         return FAILED
     return 0
+
+
+def _line(error: Exception) -> str:
+    """Say an error in one line."""
+    line = " ".join(str(error).split()) or type(error).__name__
+    if isinstance(error, EXPECTED):
+        return line
+    return (
+        f"internal error: {type(error).__name__}: {line}; run again with --debug for "
+        f"the traceback"
+    )
+
+
+def _kept(chosen: Any) -> str:
+    """Say what Ctrl-C left of a verb's work and how to go on."""
+    if isinstance(chosen, Run):
+        folder = f"--out {chosen.out}" if chosen.run is None else f"--run {chosen.run}"
+        return f"`gatjax run --resume {folder}` goes on"
+    if isinstance(chosen, Search):
+        return "the same command goes on"
+    return "nothing was kept"

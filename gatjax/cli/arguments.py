@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import tyro
 
-from gatjax.settings import DEMO, PRESETS, LoopSettings
+from gatjax.settings import DEMO, PRESETS, LoopSettings, SearchSettings
 
 ABOUT = (
     "Ground a robot simulator in logs of the robot, search for a better walk in it, "
@@ -27,6 +28,10 @@ class Run:
     """Folder of run folders."""
     resume: bool = False
     """Go on with the latest run in `out`, with its own settings."""
+    run: Path | None = None
+    """With --resume: the run folder to go on with, instead of the latest."""
+    typed: tyro.conf.Suppress[tuple[str, ...]] = ()
+    """Settings named on the command line; a resumed run must have them already."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,6 +66,8 @@ class Ground:
     """Policy of the recordings, for choosing alpha; theta0 if left out."""
     map: Path | None = None
     """YAML map of the robot log's column names, units and signs."""
+    world: Path | None = None
+    """world.json of the simulator to ground, without a grounding; ideal if left out."""
     rate_hz: float = 50.0
     seed: int = 0
 
@@ -103,15 +110,15 @@ class Evaluate:
 
 @dataclass(frozen=True, kw_only=True)
 class View:
-    """Show one walk: an html animation, or a live window."""
+    """Show one walk: an html animation, a video, or a live window."""
 
     out: Path = Path("walk.html")
-    """html file to write."""
+    """html file to write; .mp4 for a video (pip install 'gatjax[video]')."""
     policy: Path | None = None
     robot: Literal["simulator", "dart", "stiff"] = "simulator"
     world: Path | None = None
     live: bool = False
-    """Open MuJoCo's window instead of writing html."""
+    """Open MuJoCo's window instead of writing a file."""
     body_seed: int = 0
     rate_hz: float = 50.0
     seed: int = 0
@@ -164,10 +171,18 @@ def _preset(arguments: list[str]) -> str:
     return "demo"
 
 
+def _typed(arguments: list[str]) -> tuple[str, ...]:
+    """Name the settings of a run that the command line gives, defaults left out."""
+    flags = {word.partition("=")[0].replace("-", "_") for word in arguments}
+    names = [setting.name for setting in dataclasses.fields(LoopSettings)]
+    names += [setting.name for setting in dataclasses.fields(SearchSettings)]
+    return tuple(name for name in ("preset", *names) if f"__{name}" in flags)
+
+
 def parse(arguments: list[str]) -> Any:
     """Read the command line into the verb's dataclass."""
     preset = _preset(arguments)
-    run = Run(loop=PRESETS.get(preset, DEMO))
+    run = Run(loop=PRESETS.get(preset, DEMO), typed=_typed(arguments))
     verbs: Any = None
     for name, kind in VERBS.items():
         default = run if kind is Run else tyro.MISSING_NONPROP

@@ -13,10 +13,17 @@ import numpy as np
 from gatjax import loop, runs
 from gatjax.cli import arguments as verbs
 from gatjax.cli.progress import shown
+from gatjax.cli.resume import open_search, resumed
 from gatjax.data.mapping import read_map
-from gatjax.data.recording import check_recording, read_recording, write_recording
-from gatjax.data.trajectories import to_recording
+from gatjax.data.recording import (
+    Recording,
+    check_recording,
+    read_recording,
+    write_recording,
+)
+from gatjax.data.trajectories import at_rate, to_recording
 from gatjax.grounding import learn as grounders
+from gatjax.loop.setting import EVALUATION, ROBOT_LOG, SIMULATOR_LOG, Progress, seeds
 from gatjax.report import build_report
 from gatjax.report.page import build_walk_page
 from gatjax.robot.model import joint_names
@@ -59,31 +66,30 @@ def policy_of(path: Path | None) -> np.ndarray:
     return THETA0 if path is None else runs.read_policy(path)
 
 
-def settings_of(config: dict[str, Any]) -> LoopSettings:
-    """Rebuild loop settings from config.json."""
-    search = SearchSettings(**config["search"])
-    rest = {key: value for key, value in config.items() if key != "search"}
-    return LoopSettings(
-        **(rest | {"methods": tuple(rest["methods"]), "search": search})
-    )
-
-
 @act.register
 def run(verb: verbs.Run) -> None:
     """Run the loop and write the report."""
     use_compile_cache()
     if verb.resume:
-        folder = runs.resume_run(runs.latest_run(verb.out))
-        settings = settings_of(folder.config)
+        folder, settings = resumed(verb)
+    elif verb.run is not None:
+        raise ValueError(f"--run {verb.run} goes with --resume; a new run takes --out")
     else:
         settings = loop.resolved(verb.loop)
         device = str(jax.devices()[0])
-        folder = runs.open_run(verb.out, settings, device=device)
-    print(f"run folder {folder.path}")
-    robot = make_robot(settings.robot, settings.body_seed)
+        folder = runs.open_run(verb.out, settings, device=device).path
+    print(f"run folder {folder}", flush=True)
+    robot, done = make_robot(settings.robot, settings.body_seed), []
     with shown(loop.total_work(settings)) as progress:
-        loop.run(folder.path, settings, robot, progress)
-    print(f"report {build_report(folder.path)}")
+
+        def stage(text: str) -> None:
+            done.append(text)
+            progress.stage(text)
+
+        loop.run(folder, settings, robot, Progress(stage, progress.work))
+    if not done:
+        print("this run was finished already; its report is written again")
+    print(f"report {build_report(folder)}")
 
 
 @act.register
@@ -92,8 +98,12 @@ def collect(verb: verbs.Collect) -> None:
     task = task_at(verb.rate_hz)
     robot = robot_of(verb.robot, verb.body_seed, verb.world, task)
     policies = np.tile(policy_of(verb.policy), (verb.trajectories, 1))
-    seeds = range(verb.seed * 1000, verb.seed * 1000 + verb.trajectories)
-    trajectory, outcome = robot.walk(policies, seeds, task)
+    purpose = SIMULATOR_LOG if verb.robot == "simulator" else ROBOT_LOG
+    drawn = seeds(purpose, verb.seed, verb.trajectories)
+    with shown(1.0) as progress:
+        progress.stage(f"{verb.trajectories} walks of {robot.name}")
+        trajectory, outcome = robot.walk(policies, drawn, task)
+        progress.work(1.0)
     recording = to_recording(trajectory, robot.name, verb.rate_hz, {"seed": verb.seed})
     verb.out.parent.mkdir(parents=True, exist_ok=True)
     write_recording(verb.out, recording)
@@ -111,23 +121,53 @@ def summary(outcome: Any) -> str:
 def ground(verb: verbs.Ground) -> None:
     """Learn a grounding and write it with its world file."""
     task = task_at(verb.rate_hz)
-    world = nominal(task)
+    world = ungrounded(verb.world, task)
     mapping = None if verb.map is None else read_map(verb.map)
-    robot = read_recording(verb.robot_log, mapping)
-    simulator = read_recording(verb.simulator_log)
-    for recording in (robot, simulator):
-        check_recording(recording, joint_names(world.model))
-    grounding = loop.learn_grounding(world, verb.method, robot, simulator, verb.seed)
     theta, key = policy_of(verb.policy), jax.random.key(verb.seed)
-    grounding = loop.stable(world, grounding, theta, key)
+    robot = checked(read_recording(verb.robot_log, mapping), world)
+    simulator = checked(read_recording(verb.simulator_log), world)
+    with shown(3.0) as progress:
+        progress.stage(f"{verb.method}: learn from {robot.name}")
+        grounding = loop.learn_grounding(
+            world, verb.method, robot, simulator, verb.seed
+        )
+        facts = grounding.facts | {"rate_hz": world.rate_hz}
+        progress.work(1.0)
+        progress.stage(f"{verb.method}: choose alpha")
+        grounding = loop.stable(world, grounding._replace(facts=facts), theta, key)
+        progress.work(1.0)
+        progress.stage(f"{verb.method}: predict held-out trajectories")
+        rows = loop.predictions(world, grounding, robot, verb.seed)
+        progress.work(1.0)
     verb.out.mkdir(parents=True, exist_ok=True)
     loop.write_grounded(verb.out, world, grounding, {"robot_log": str(verb.robot_log)})
-    for row in loop.predictions(world, grounding, robot, verb.seed):
+    for row in rows:
         before, after = np.rad2deg([row["before_rad"], row["after_rad"]])
         name, horizon = row["joint"], row["horizon_s"]
         print(f"{name:<16} {horizon:5.2f} s: error {before:6.2f} -> {after:6.2f} deg")
     print(f"learned by {verb.method}: {grounding.facts}")
     print(f"{verb.out / 'world.json'}: give it to any verb as --world")
+
+
+def ungrounded(path: Path | None, task: Task) -> World:
+    """Load the world that a grounding starts from."""
+    if path is None:
+        return nominal(task)
+    world, folder = read_world(path, task)
+    if folder is not None:
+        raise ValueError(
+            f"{path} has a grounding already ({folder}); ground the world without it"
+        )
+    return world
+
+
+def checked(recording: Recording, world: World) -> Recording:
+    """Refuse a recording that cannot be trusted in this world; cut its gaps."""
+    check_recording(recording, joint_names(world.model))
+    recording, gaps = at_rate(recording, world.task.control_period)
+    if gaps:
+        print(f"{recording.name}: cut at {gaps} gaps in time", flush=True)
+    return recording
 
 
 @act.register
@@ -141,9 +181,10 @@ def search(verb: verbs.Search) -> None:
         LoopSettings(backend=verb.backend, impl=verb.impl, search=settings)
     )
     world = world_of(verb.world, task_at(verb.rate_hz))
-    (verb.out / "policies").mkdir(parents=True, exist_ok=True)
     key, theta = jax.random.key(verb.seed), policy_of(verb.policy)
-    job = loop.Job(verb.out, "search", 0, world, theta, key)
+    open_search(verb, settings, theta)
+    keys = jax.random.split(key)
+    job = loop.Job(verb.out, "search", 0, world, theta, *keys)
     units = settings.population * settings.rollouts * settings.generations
     with shown(float(units)) as progress:
         last = loop.optimise(job, chosen, progress)[-1]
@@ -158,9 +199,15 @@ def evaluate(verb: verbs.Evaluate) -> None:
     robot = robot_of(verb.robot, verb.body_seed, verb.world, task)
     named = {path.stem: runs.read_policy(path) for path in verb.policies}
     named = named or {"theta0": THETA0}
-    seeds = [verb.seed * 1000 + index for index in range(verb.runs)]
-    for name, theta in named.items():
-        _, outcome = robot.walk(np.tile(theta, (verb.runs, 1)), seeds, task)
+    drawn = seeds(EVALUATION, verb.seed, verb.runs)
+    found = {}
+    with shown(float(len(named))) as progress:
+        for name, theta in named.items():
+            progress.stage(f"{name}: {verb.runs} walks of {robot.name}")
+            policies = np.tile(theta, (verb.runs, 1))
+            _, found[name] = robot.walk(policies, drawn, task)
+            progress.work(1.0)
+    for name, outcome in found.items():
         print(f"{name} on {robot.name}: {summary(outcome)} in {verb.runs} runs")
 
 
@@ -177,6 +224,13 @@ def view(verb: verbs.View) -> None:
         from gatjax.cli.window import play
 
         play(model, states(model, walk), task.control_period)
+        return
+    verb.out.parent.mkdir(parents=True, exist_ok=True)
+    if verb.out.suffix == ".mp4":
+        from gatjax.cli.film import film
+
+        film(verb.out, model, states(model, walk), task.control_period)
+        print(f"{verb.out}: a video ({summary(outcome)})")
         return
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "walk.npz"

@@ -10,6 +10,9 @@ import numpy as np
 from gatjax.data.recording import Recording
 from gatjax.records import FORCE_SENSORS, JOINTS, Trajectory
 
+RATE_TOLERANCE = 0.05  # of the control period, for the median time step
+GAP = 0.5  # of the control period: a step further off than this is a gap
+
 
 class JointRun(NamedTuple):
     """What the joints were told and did in one trajectory."""
@@ -86,6 +89,41 @@ def to_arrays(recording: Recording, joints: Sequence[str]) -> list[JointRun]:
         )
         for run in np.unique(recording.trajectory)
     ]
+
+
+def at_rate(recording: Recording, period: float) -> tuple[Recording, int]:
+    """Checks that a recording was sampled once a control period, and cuts its gaps.
+
+    Whoever learns from neighbouring rows takes them to be one period apart. So a step
+    that is shorter than half a period or longer than one and a half ends a trajectory:
+    the rows after it get a new id. Nothing is resampled.
+
+    Args:
+        recording: checked by `check_recording`.
+        period: control period, s.
+
+    Returns:
+        The recording, trajectory ids from 0 if there were gaps, and how many gaps.
+
+    Raises:
+        ValueError: the median time step is more than 5 % off.
+    """
+    order = np.argsort(recording.trajectory, kind="stable")
+    same = np.diff(recording.trajectory[order]) == 0
+    steps = np.diff(recording.time[order])
+    median = float(np.median(steps[same])) if same.any() else period
+    if abs(median / period - 1.0) > RATE_TOLERANCE:
+        raise ValueError(
+            f"{recording.name}: a row every {1000.0 * median:.4g} ms, the control "
+            f"period is {1000.0 * period:.4g} ms; choose the --rate-hz of the log "
+            f"(50, 100 or 83.3), or resample it to {1.0 / period:.4g} Hz"
+        )
+    gaps = same & (np.abs(steps / period - 1.0) > GAP)
+    if not gaps.any():
+        return recording, 0
+    cut = np.empty(len(order), np.int64)
+    cut[order] = np.concatenate([[0], np.cumsum(gaps | ~same)])
+    return recording._replace(trajectory=cut), int(gaps.sum())
 
 
 def split_by_trajectory(

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import io
+import itertools
 import json
+import zipfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,12 +25,16 @@ from gatjax.grounding.gat import (
     learn_inverse,
 )
 from gatjax.grounding.network import HIDDEN, Network
+from gatjax.grounding.transitions import HISTORY
 from gatjax.records import JOINTS
 from gatjax.robot.nao import WALKING, WALKING_JOINTS
-from gatjax.sim.world import World, add_command
+from gatjax.runs import read_json, write_whole
+from gatjax.runs.files import as_json
+from gatjax.sim.world import World, add_command, check_rate
 
 Array = Any
 
+SCHEMA = "gatjax.grounding/1"
 METHODS = ("none", "envelope", "guided", "gat")
 ALPHAS = (1.0, 0.95, 0.9, 0.85, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1, 0.0)
 
@@ -37,7 +44,7 @@ class Grounding(NamedTuple):
 
     method: str
     params: Any
-    facts: dict[str, Any]  # how well its models fit
+    facts: dict[str, Any]  # fit of its models, alpha, and rate_hz where it is known
 
 
 def effect_of(method: str) -> Effect:
@@ -61,7 +68,7 @@ def learn(
     method: str,
     robot: Sequence[JointRun],
     simulator: Sequence[JointRun],
-    step_error: Array,
+    step_error: Callable[[], Array],
     seed: int,
 ) -> Grounding:
     """Learn a grounding from recordings of robot and simulator under the same policy.
@@ -70,7 +77,8 @@ def learn(
         method: one of METHODS.
         robot: runs of the robot, angles [T, 13] of WALKING_JOINTS.
         simulator: runs of the simulator.
-        step_error: [13] rad, RMS one-step error of the simulator on the robot's runs.
+        step_error: returns [13] rad, RMS one-step error of the simulator on the
+            robot's runs; called only if the method needs it.
         seed: of initial weights and splits.
     """
     check_method(method)
@@ -78,8 +86,8 @@ def learn(
         return Grounding(method, (), {})
     if method == "envelope":
         deviation = np.zeros(len(JOINTS), np.float32)
-        deviation[WALKING] = step_error
-        degrees = np.rad2deg(step_error).tolist()
+        deviation[WALKING] = step_error()
+        degrees = np.rad2deg(deviation[WALKING]).tolist()
         facts = {"deviation_deg": dict(zip(WALKING_JOINTS, degrees, strict=True))}
         return Grounding(method, Envelope(np.float32(1.0), deviation), facts)
     forward, forward_fit = learn_forward(robot, seed)
@@ -92,7 +100,12 @@ def learn(
 
 
 def grounded(world: World, grounding: Grounding) -> World:
-    """Return the world with the grounding as its last command effect."""
+    """Return the world with the grounding as its last command effect.
+
+    Raises:
+        ValueError: the grounding was learned at another control rate.
+    """
+    check_rate(world, grounding.facts.get("rate_hz"), f"grounding {grounding.method}")
     return add_command(
         world, "grounding", effect_of(grounding.method), grounding.params
     )
@@ -127,49 +140,82 @@ def largest_stable_alpha(
 
 
 def _template(method: str) -> Any:
+    """Parameters of a method that are all zero, in their shapes."""
     if method == "none":
         return ()
-    if method == "envelope":
-        return Envelope(np.float32(0.0), np.zeros(len(JOINTS)))
-    empty = np.zeros(0)
-    layers = (empty,) * (len(HIDDEN) + 1)
-    network = Network(empty, empty, empty, empty, empty, layers, layers)
     alpha = np.float32(0.0)
+    if method == "envelope":
+        return Envelope(alpha, np.zeros(len(JOINTS)))
+    inputs, outputs = (2 + 2 * HISTORY) * len(WALKING_JOINTS), 2 * len(WALKING_JOINTS)
+    sizes = (inputs, *HIDDEN, outputs)
+    network = Network(
+        np.zeros(inputs), np.zeros(inputs), np.zeros(outputs), np.zeros(outputs),
+        np.zeros((inputs, outputs)),
+        tuple(np.zeros(pair) for pair in itertools.pairwise(sizes)),
+        tuple(np.zeros(size) for size in sizes[1:]),
+    )  # fmt: skip
     return Gat(alpha, network, network) if method == "gat" else Guided(alpha, network)
 
 
 def write_grounding(folder: Path, grounding: Grounding) -> None:
-    """Write grounder.json and weights.npz."""
+    """Write grounder.json and weights.npz, both whole or none."""
     folder.mkdir(parents=True, exist_ok=True)
     leaves = jax.tree_util.tree_flatten_with_path(grounding.params)[0]
     arrays = {jax.tree_util.keystr(path): np.asarray(leaf) for path, leaf in leaves}
-    np.savez(folder / "weights.npz", allow_pickle=False, **arrays)
+    weights = io.BytesIO()
+    np.savez(weights, allow_pickle=False, **arrays)
     text = {
-        "schema": "gatjax.grounding/1",
+        "schema": SCHEMA,
         "method": grounding.method,
         "joints": list(WALKING_JOINTS),
         **grounding.facts,
     }
-    (folder / "grounder.json").write_text(json.dumps(text, indent=2) + "\n")
+    about = (json.dumps(text, indent=2, default=as_json) + "\n").encode()
+    files = {"weights.npz": weights.getvalue(), "grounder.json": about}
+    write_whole({folder / name: content for name, content in files.items()})
 
 
 def read_grounding(folder: Path) -> Grounding:
-    """Load what `write_grounding` wrote."""
+    """Load what `write_grounding` wrote.
+
+    Raises:
+        ValueError: one line with what is missing, damaged or not of this robot.
+    """
     try:
-        text = json.loads((folder / "grounder.json").read_text())
+        text = read_json(folder / "grounder.json")
         with np.load(folder / "weights.npz", allow_pickle=False) as file:
             arrays = dict(file)
-    except (OSError, ValueError) as error:
+    except (OSError, EOFError, ValueError, zipfile.BadZipFile) as error:
         raise ValueError(
             f"{folder} holds no complete grounding ({error}); run `gatjax ground` again"
         ) from error
-    method = text.pop("method")
+    for key, ours in (("schema", SCHEMA), ("joints", list(WALKING_JOINTS))):
+        if text.get(key) != ours:
+            raise ValueError(
+                f"{folder}/grounder.json: {key} is {text.get(key)!r}, need {ours!r}"
+            )
+    method = str(text.get("method"))
     check_method(method)
-    leaves, tree = jax.tree_util.tree_flatten_with_path(_template(method))
-    names = [jax.tree_util.keystr(path) for path, _ in leaves]
-    missing = sorted(set(names) - set(arrays))
-    if missing:
-        raise ValueError(f"{folder}/weights.npz lacks {missing[0]}; run it again")
-    params = jax.tree_util.tree_unflatten(tree, [arrays[name] for name in names])
-    facts = {k: v for k, v in text.items() if k not in ("schema", "joints")}
+    params = _filled(_template(method), arrays, f"{folder}/weights.npz")
+    facts = {k: v for k, v in text.items() if k not in ("schema", "method", "joints")}
     return Grounding(method, params, facts)
+
+
+def _filled(template: Any, arrays: dict[str, Array], name: str) -> Any:
+    """Put arrays into a template, each in its place, shape and kind."""
+    leaves, tree = jax.tree_util.tree_flatten_with_path(template)
+    found = []
+    for path, leaf in leaves:
+        key, shape = jax.tree_util.keystr(path), np.shape(leaf)
+        if key not in arrays:
+            raise ValueError(f"{name} lacks {key}; run `gatjax ground` again")
+        array = arrays[key]
+        if array.shape != shape or array.dtype.kind != "f":
+            raise ValueError(
+                f"{name}: {key} is {array.dtype}{list(array.shape)}, need floats "
+                f"{list(shape)}; run `gatjax ground` again"
+            )
+        if not np.isfinite(array).all():
+            raise ValueError(f"{name}: {key} is not finite; run `gatjax ground` again")
+        found.append(array)
+    return jax.tree_util.tree_unflatten(tree, found)

@@ -38,7 +38,7 @@ class Network(NamedTuple):
 class Fit(NamedTuple):
     """How a training went."""
 
-    held_out_rmse: float  # rad
+    validation_rmse: float  # rad, on the runs that decided when to stop
     linear_rmse: float  # rad, of the linear part alone
     epochs: int
 

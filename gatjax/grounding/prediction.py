@@ -38,20 +38,30 @@ def _spin(before: Array, after: Array, seconds: float) -> Array:
     return 2.0 * vector * np.sign(scalar)[:, None] / seconds
 
 
+def _slope(samples: Array, seconds: float) -> Array:
+    """Rate of change [W, ...] at the last of three samples [W, 3, ...], a second."""
+    first, middle, last = samples[:, 0], samples[:, 1], samples[:, 2]
+    return (3.0 * last - 4.0 * middle + first) / (2.0 * seconds)
+
+
 def _state(world: World, angle: Array, base: Array, seconds: float) -> tuple:
-    """Physics state [W, nq], [W, nv] in the middle of three samples [W, 3, ...]."""
+    """Physics state [W, nq], [W, nv] at the last of three samples [W, 3, ...].
+
+    Velocities are backward differences of second order: the samples that are to be
+    predicted must not enter the state.
+    """
     model = world.model
     slots = model.jnt_qposadr[model.actuator_trnid[:, 0]]
     dofs = model.jnt_dofadr[model.actuator_trnid[:, 0]]
     qpos = np.zeros((len(angle), model.nq))
     qvel = np.zeros((len(angle), model.nv))
-    qpos[:, :7] = base[:, 1]
-    qpos[:, slots] = angle[:, 1]
+    qpos[:, :7] = base[:, 2]
+    qpos[:, slots] = angle[:, 2]
     follower, leader = coupled(model)
     qpos[:, follower] = qpos[:, leader]
-    qvel[:, :3] = (base[:, 2, :3] - base[:, 0, :3]) / (2.0 * seconds)
-    qvel[:, 3:6] = _spin(base[:, 0, 3:], base[:, 2, 3:], 2.0 * seconds)
-    qvel[:, dofs] = (angle[:, 2] - angle[:, 0]) / (2.0 * seconds)
+    qvel[:, :3] = _slope(base[..., :3], seconds)
+    qvel[:, 3:6] = _spin(base[:, 1, 3:], base[:, 2, 3:], seconds)
+    qvel[:, dofs] = _slope(angle, seconds)
     coupled_dofs = model.jnt_dofadr[model.eq_obj1id], model.jnt_dofadr[model.eq_obj2id]
     qvel[:, coupled_dofs[0]] = qvel[:, coupled_dofs[1]]
     return qpos, qvel
@@ -126,8 +136,8 @@ def cut(
             (
                 run.command[first : first + length],
                 run.angle[first : first + length + 1],
-                run.angle[now - 1 : now + 2],
-                pose[now - 1 : now + 2],
+                run.angle[now - 2 : now + 1],
+                pose[now - 2 : now + 1],
             )
         )
     command, angle, around, pose = (

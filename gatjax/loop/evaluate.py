@@ -1,7 +1,8 @@
-"""The evaluation stage: candidates walk on the robot."""
+"""The evaluation stage: candidates walk on the robot, and the winner walks again."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -9,11 +10,16 @@ import numpy as np
 
 from gatjax import runs
 from gatjax.loop.optimise import Candidate
-from gatjax.loop.setting import ROBOT_UNIT, Setting
+from gatjax.loop.setting import (
+    CONFIRMATION,
+    CONFIRMATIONS,
+    EVALUATION,
+    ROBOT_UNIT,
+    Setting,
+    seeds,
+)
 from gatjax.records import Array
 from gatjax.sim.poses import write_walk
-
-FIRST_SEED = 1_000_000  # of evaluations on the robot; collections are below
 
 
 def _robot_rows(setting: Setting) -> dict[tuple, dict[str, Any]]:
@@ -28,25 +34,26 @@ def _robot_rows(setting: Setting) -> dict[tuple, dict[str, Any]]:
     }
 
 
-def evaluate(setting: Setting, candidates: list[Candidate], repeats: int) -> None:
-    """Walk candidates on the robot, `repeats` x evaluations runs each, same seeds."""
-    count = setting.settings.evaluations * repeats
-    known = _robot_rows(setting)
+def walk(
+    setting: Setting, candidates: list[Candidate], with_seeds: Sequence[int]
+) -> None:
+    """Walk candidates on the robot, each with the same seeds; once."""
+    count, known = len(with_seeds), _robot_rows(setting)
     todo = [c for c in candidates if tuple(c.key.values()) not in known]
     if todo:
         setting.progress.stage(f"{todo[0].method}: walk on the robot")
-        seeds = [FIRST_SEED + index for index in range(count)]
         policies = np.repeat([c.policy for c in todo], count, axis=0)
-        _, result = setting.robot.walk(policies, seeds * len(todo), setting.task)
+        every = [*with_seeds] * len(todo)
+        _, result = setting.robot.walk(policies, every, setting.task)
         velocity = np.reshape(result.velocity, (len(todo), count))
         fell_at = np.reshape(result.fell_at, (len(todo), count))
         each, summaries = [], []
         for index, candidate in enumerate(todo):
-            runs_of = zip(seeds, velocity[index], fell_at[index], strict=True)
+            walks = zip(with_seeds, velocity[index], fell_at[index], strict=True)
             each += [
                 candidate.key
                 | {"seed": seed, "velocity_m_s": float(v), "fell_at_s": float(f)}
-                for seed, v, f in runs_of
+                for seed, v, f in walks
             ]
             summary = {
                 "robot_velocity_m_s": float(velocity[index].mean()),
@@ -59,23 +66,45 @@ def evaluate(setting: Setting, candidates: list[Candidate], repeats: int) -> Non
     setting.progress.work(ROBOT_UNIT * count * len(candidates))
 
 
-def best_on_robot(setting: Setting, candidates: list[Candidate], theta: Array) -> Array:
-    """Return the fastest candidate that never fell on the robot, else `theta`."""
+def evaluate(setting: Setting, candidates: list[Candidate]) -> None:
+    """Walk every candidate of a search on the robot."""
+    settings = setting.settings
+    walk(setting, candidates, seeds(EVALUATION, settings.seed, settings.evaluations))
+
+
+def confirm(setting: Setting, candidate: Candidate) -> None:
+    """Walk one candidate with fresh seeds.
+
+    The winner was picked on few walks, so those flatter it; these walks judge it.
+    """
+    fresh = seeds(CONFIRMATION, setting.settings.seed, CONFIRMATIONS)
+    walk(setting, [candidate], fresh)
+
+
+def winner(setting: Setting, candidates: list[Candidate]) -> Candidate | None:
+    """Return the fastest candidate that never fell on the robot, if there is one.
+
+    As in the paper, the first generation does not count where there are later ones: its
+    policies are drawn at random, nothing was learned yet.
+    """
     rows = _robot_rows(setting)
+    last = max(candidate.generation for candidate in candidates)
     speeds = {
         index: rows[tuple(candidate.key.values())]["robot_velocity_m_s"]
         for index, candidate in enumerate(candidates)
         if rows[tuple(candidate.key.values())]["robot_falls"] == 0
+        and candidate.generation >= min(1, last)
     }
     if not speeds:
-        return theta
-    return candidates[max(speeds, key=speeds.__getitem__)].policy
+        return None
+    return candidates[max(speeds, key=speeds.__getitem__)]._replace(kind="chosen")
 
 
 def show(setting: Setting, name: str, theta: Array, label: str) -> None:
     """Keep one walk on the robot for the animation, once."""
     path = setting.folder / "walks" / f"{name}.npz"
     if not path.exists():
-        walk, _ = setting.robot.walk(theta[None], [FIRST_SEED], setting.task)
-        first = jax.tree.map(lambda leaf: np.asarray(leaf)[0], walk)
+        one = seeds(CONFIRMATION, setting.settings.seed, 1)
+        record, _ = setting.robot.walk(theta[None], one, setting.task)
+        first = jax.tree.map(lambda leaf: np.asarray(leaf)[0], record)
         write_walk(path, setting.world.model, first, label)

@@ -17,8 +17,6 @@ from gatjax.sim.backend import costs, pairs, prepare
 from gatjax.sim.world import World
 from gatjax.walk.parameters import HIGH, LOW, STEP, THETA0
 
-VERIFY = 4  # fact that the keys of the last check in the simulator are folded from
-
 
 class Candidate(NamedTuple):
     """A walk to be tried on the robot."""
@@ -55,6 +53,7 @@ class Job(NamedTuple):
     world: World
     theta: Array  # [15]
     key: Array
+    check_key: Array  # for measuring the candidates afresh in this world
 
     @property
     def checkpoints(self) -> Path:
@@ -85,7 +84,7 @@ def optimise(job: Job, settings: LoopSettings, progress: Progress) -> list[Candi
             candidates += write_candidates(job, number, info, begun)
             checkpoints.save(job.checkpoints, number, state)
             progress.work(SIMULATOR_UNIT * runs_each)
-        verify(job, candidates, settings.search.rollouts)
+    verify(job, candidates, settings.search.rollouts)
     return candidates
 
 
@@ -130,8 +129,18 @@ def read_candidates(job: Job, generations: int) -> list[Candidate]:
 
 
 def verify(job: Job, candidates: list[Candidate], rollouts: int) -> None:
-    """Measure every candidate in the world it was found in, with fresh random keys."""
-    keys = jax.random.split(jax.random.fold_in(job.key, VERIFY), rollouts)
+    """Measure every candidate in the world it was found in, with fresh keys; once."""
+    path = job.folder / "metrics.csv"
+    names = ("method", "iteration", "generation", "candidate")
+    known = {
+        tuple(row[name] for name in names)
+        for row in runs.read_table(path)
+        if row["simulator_falls"] is not None
+    }
+    candidates = [c for c in candidates if tuple(c.key.values()) not in known]
+    if not candidates:
+        return
+    keys = jax.random.split(job.check_key, rollouts)
     policies = np.stack([candidate.policy for candidate in candidates])
     backend = prepare(job.world, "native")
     result = pairs(backend.outcome, job.world.values, policies, keys)
@@ -144,4 +153,4 @@ def verify(job: Job, candidates: list[Candidate], rollouts: int) -> None:
         }
         for index, candidate in enumerate(candidates)
     ]
-    runs.add_rows(job.folder / "metrics.csv", rows)
+    runs.add_rows(path, rows)

@@ -17,6 +17,9 @@ from gatjax.sim.backend import BACKENDS, default_backend
 from gatjax.sim.world import World
 from gatjax.task import Task, task_at
 
+ROBOT_LOG, SIMULATOR_LOG, EVALUATION, CONFIRMATION = 1, 2, 3, 4
+"""Purposes of walks: each draws from random streams of its own."""
+CONFIRMATIONS = 10  # walks on the robot that the winner of a method is judged by
 SIMULATOR_UNIT, ROBOT_UNIT = 1.0, 12.0  # relative cost of one run, for the time left
 
 
@@ -62,6 +65,12 @@ class Setting(NamedTuple):
         return key
 
 
+def seeds(purpose: int, seed: int, count: int) -> range:
+    """Seeds of `count` walks; no two purposes and no two runs share one."""
+    first = purpose * 10**9 + seed * 10**5
+    return range(first, first + count)
+
+
 def total_work(settings: LoopSettings) -> float:
     """Work units of a whole run, for the time left."""
     one = settings.search
@@ -69,7 +78,8 @@ def total_work(settings: LoopSettings) -> float:
     evaluated = 2 * one.generations * settings.evaluations
     methods, rounds = len(settings.methods), settings.iterations
     collected = settings.robot_trajectories * (1 + (rounds - 1) * methods)
-    robot = collected + methods * rounds * evaluated + 2 * settings.evaluations
+    judged = CONFIRMATIONS * (methods * rounds + 1)
+    robot = collected + methods * rounds * evaluated + judged
     return SIMULATOR_UNIT * methods * rounds * searched + ROBOT_UNIT * robot
 
 

@@ -14,11 +14,19 @@ from gatjax import runs
 from gatjax.data.recording import Recording, read_recording, write_recording
 from gatjax.data.trajectories import to_recording
 from gatjax.grounding.learn import grounded
-from gatjax.loop.evaluate import best_on_robot, evaluate, show
+from gatjax.loop.evaluate import confirm, evaluate, show, winner
 from gatjax.loop.ground import ground
 from gatjax.loop.optimise import Candidate, Job, optimise
 from gatjax.loop.robots import Simulator
-from gatjax.loop.setting import ROBOT_UNIT, Progress, Robot, Setting
+from gatjax.loop.setting import (
+    ROBOT_LOG,
+    ROBOT_UNIT,
+    SIMULATOR_LOG,
+    Progress,
+    Robot,
+    Setting,
+    seeds,
+)
 from gatjax.records import Array
 from gatjax.settings import LoopSettings
 from gatjax.sim.world import nominal
@@ -39,7 +47,7 @@ def run(folder: Path, settings: LoopSettings, robot: Robot, progress: Progress) 
     setting = Setting(folder, settings, task, nominal(task), robot, progress)
     runs.write_json(folder / "robot.json", {"name": robot.name, **robot.constants()})
     runs.write_policy(folder / "policies", "theta0", THETA0, {"by": "hand"})
-    evaluate(setting, [Candidate("theta0", 0, 0, "best", THETA0)], repeats=2)
+    confirm(setting, Candidate("theta0", 0, 0, "best", THETA0))
     show(setting, "theta0_robot", THETA0, f"theta0 on {robot.name}")
     for method in settings.methods:
         theta = THETA0
@@ -64,10 +72,15 @@ def improve(setting: Setting, method: str, iteration: int, theta: Array) -> Arra
         world=grounded(setting.world, grounding),
         theta=theta,
         key=setting.key(3, iteration),
+        check_key=setting.key(4, iteration),
     )
     candidates = optimise(job, setting.settings, setting.progress)
-    evaluate(setting, candidates, repeats=1)
-    return best_on_robot(setting, candidates, theta)
+    evaluate(setting, candidates)
+    found = winner(setting, candidates)
+    if found is None:
+        return theta
+    confirm(setting, found)
+    return found.policy
 
 
 def collect(setting: Setting, robot: Robot, name: str, theta: Array) -> Recording:
@@ -81,9 +94,9 @@ def collect(setting: Setting, robot: Robot, name: str, theta: Array) -> Recordin
     count = settings.robot_trajectories if real else settings.simulator_trajectories
     if not path.exists():
         setting.progress.stage(f"collect {count} runs of {robot.name}")
-        first = 10_000 * settings.seed + (0 if real else 5_000)
-        seeds = range(first, first + count)
-        trajectory, _ = robot.walk(np.tile(theta, (count, 1)), seeds, setting.task)
+        purpose = ROBOT_LOG if real else SIMULATOR_LOG
+        drawn = seeds(purpose, settings.seed, count)
+        trajectory, _ = robot.walk(np.tile(theta, (count, 1)), drawn, setting.task)
         rate = 1.0 / setting.task.control_period
         notes = {"policy": name, "seed": settings.seed}
         write_recording(path, to_recording(trajectory, robot.name, rate, notes))

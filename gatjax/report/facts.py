@@ -5,9 +5,15 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from gatjax.report.read import THETA0, Run
+from gatjax.report.read import CHOSEN, THETA0, Run
 from gatjax.report.sections import mark, section, swatch
-from gatjax.report.tables import Method, Summary, label_of, ordered
+from gatjax.report.tables import (
+    Method,
+    Summary,
+    fastest_standing,
+    label_of,
+    ordered,
+)
 from gatjax.report.wording import DASH, duration, escape, number, significant
 from gatjax.walk.parameters import PARAMETERS
 
@@ -66,8 +72,15 @@ def parameter_table(run: Run, summary: Summary) -> str:
 
 
 def choose_policy(run: Run, method: Method) -> Chosen | None:
-    """Pick the fastest policy without a fall, else the last one written."""
+    """Pick the policy of the best walk, else the last one written."""
     best = method.best
+    if method.confirmed and best is not None and best.stem not in run.policies:
+        found_in = (best.iteration, best.generation)  # the chosen one is a copy
+        best = fastest_standing(
+            each
+            for each in method.candidates
+            if (each.iteration, each.generation) == found_in
+        )
     if best is not None and best.stem in run.policies:
         words = f"generation {best.generation}, {best.candidate}"
         return Chosen(method.name, best.stem, words)
@@ -143,7 +156,7 @@ def seconds_of(run: Run) -> dict[str, float]:
     """Seconds of search of each method; best and mean rows share a generation."""
     spent: dict[tuple[str, int, int], float] = {}
     for row in run.metrics:
-        if math.isfinite(row.seconds):
+        if math.isfinite(row.seconds) and row.candidate != CHOSEN:
             key = (row.method, row.iteration, row.generation)
             spent[key] = max(spent.get(key, 0.0), row.seconds)
     total: dict[str, float] = {}

@@ -11,7 +11,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from gatjax.report.ink import COLOURS, FAINT, MARKERS, PAPER, colour_of, draw
 from gatjax.report.intervals import Interval, share_interval
-from gatjax.report.read import THETA0, Metric, Prediction, Rollout
+from gatjax.report.read import CHOSEN, THETA0, Metric, Prediction, Rollout
 from gatjax.report.tables import CM, Candidate, Summary, ordered
 from gatjax.report.wording import number
 
@@ -103,7 +103,9 @@ def simulator_costs(metrics: Sequence[Metric]) -> Costs:
     return [
         (row, CM * row.simulator_cost)
         for row in metrics
-        if row.method != THETA0 and math.isfinite(row.simulator_cost)
+        if row.method != THETA0
+        and row.candidate != CHOSEN
+        and math.isfinite(row.simulator_cost)
     ]
 
 
@@ -196,17 +198,20 @@ def _cross_at_bottom(axes: Axes, place: float, method: str) -> None:
 
 
 def _velocity_limits(summary: Summary) -> tuple[float, float]:
-    """Limits that hold every candidate, so that the pictures can be compared."""
+    """Limits that hold every candidate, so that the pictures can be compared.
+
+    An interval of two walks may be longer than all else: it is cut at the spread of the
+    candidates.
+    """
     every = [each for method in summary.methods for each in method.candidates]
-    velocities = [each.velocity for each in (*every, summary.theta0) if each]
-    ends = [
-        end
-        for velocity in velocities
-        if velocity is not None
-        for end in velocity
-        if math.isfinite(end)
-    ]
-    low, high = min(ends, default=0.0), max(ends, default=1.0)
+    found = [each.velocity for each in (*every, summary.theta0) if each]
+    velocities = [velocity for velocity in found if velocity is not None]
+    means = [velocity.mean for velocity in velocities] or [0.0, 1.0]
+    spread = max(max(means) - min(means), 1.0)
+    lows = [velocity.low for velocity in velocities if velocity.known]
+    highs = [velocity.high for velocity in velocities if velocity.known]
+    low = max(min(lows + means), min(means) - spread)
+    high = min(max(highs + means), max(means) + spread)
     room = max(0.08 * (high - low), 0.5)
     return low - 1.5 * room, high + room
 

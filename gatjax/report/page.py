@@ -15,10 +15,10 @@ from gatjax.runs import write_whole
 HERE = Path(__file__).parent
 SCRIPTS = ("rays.js", "viewer.js")
 BADGES = {
-    "better": "grounding beat no grounding",
-    "safer": "grounding fell less, not faster",
-    "unclear": "no clear difference",
-    "not better": "grounding did not beat no grounding",
+    "better": "grounding beat no grounding in this run",
+    "safer": "grounding fell less, not faster, in this run",
+    "unclear": "no clear difference in this run",
+    "not better": "grounding did not beat no grounding in this run",
     "no comparison": "nothing to compare",
     "no data": "no data yet",
 }
@@ -41,20 +41,11 @@ def build_report(folder: Path) -> Path:
     run = read_run(folder)
     summary = summarise(run)
     walks = read_walks(folder, run.problems)
-    page = render(run, summary, judge(summary), choose(walks, fastest(summary)))
+    winner = summary.ranked[0].name if summary.ranked else None
+    page = render(run, summary, judge(summary), choose(walks, winner))
     path = folder / "report.html"
     write_whole({path: page.encode("utf-8")})
     return path
-
-
-def fastest(summary: Summary) -> str | None:
-    """Name of the method with the fastest walk that never fell."""
-    speeds = {
-        method.name: method.best.velocity.mean
-        for method in summary.methods
-        if method.best is not None and method.best.velocity is not None
-    }
-    return max(speeds, key=speeds.__getitem__, default=None)
 
 
 def render(run: Run, summary: Summary, verdict: Verdict, walks: list[Walk]) -> str:

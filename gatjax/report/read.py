@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, get_type_hints
 
 THETA0 = "theta0"
+CHOSEN = "chosen"  # candidate of the walks that confirm a winner on fresh seeds
 
 Row = TypeVar("Row", bound=tuple)
 

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from gatjax.report.intervals import (
+    LEVEL,
     Interval,
     difference_interval,
     gain_interval,
     mean_interval,
     share_interval,
 )
-from gatjax.report.read import THETA0, Rollout, Run
+from gatjax.report.read import CHOSEN, THETA0, Rollout, Run
 
 LABELS = {
     "none": "no grounding",
@@ -22,7 +24,9 @@ LABELS = {
     THETA0: "theta0",
 }
 UNGROUNDED = "none"
-BASELINES = ("none", "envelope")  # they learn nothing from the robot's recordings
+# What is compared with UNGROUNDED: the first of them that the run has, named in advance
+# so that nobody can pick the better one afterwards.
+GROUNDED = ("gat", "guided")
 CM = 100.0  # cm in a metre
 
 
@@ -32,11 +36,14 @@ class Paper(NamedTuple):
     gain: float  # per cent over theta0
     failed: int  # trials of 10 without a stable improvement
     generation: float  # in which the best policy was found, mean
+    remark: str = ""  # what differs from the method of the same name here
 
 
 PAPER = {
     "none": Paper(gain=11.1, failed=7, generation=1.3),
-    "envelope": Paper(gain=18.9, failed=5, generation=6.6),
+    "envelope": Paper(
+        gain=18.9, failed=5, generation=6.6, remark="of N(0, 1); here a variant"
+    ),
     "gat": Paper(gain=22.5, failed=1, generation=2.7),
 }
 PAPER_THETA0 = 19.52  # cm/s on the NAO, table 2
@@ -48,7 +55,7 @@ class Candidate(NamedTuple):
     method: str
     iteration: int
     generation: int
-    candidate: str  # best or mean
+    candidate: str  # best, mean or chosen
     upright: tuple[float, ...]  # cm/s of the walks that did not fall
     falls: int
     rollouts: int
@@ -61,13 +68,11 @@ class Candidate(NamedTuple):
     @property
     def stem(self) -> str:
         """Name of its policy file, without the ending."""
-        if self.method == THETA0:
-            return THETA0
         return f"{self.method}_{self.iteration}_{self.generation}_{self.candidate}"
 
 
 class Falls(NamedTuple):
-    """Falls over all candidates after the first generation."""
+    """Falls over all candidates of the search after the first generation."""
 
     count: int
     rollouts: int
@@ -75,25 +80,42 @@ class Falls(NamedTuple):
 
     @property
     def share(self) -> Interval:
-        """Share of walks that fell, resampled by candidate.
+        """Share of walks that fell, with the candidates as samples.
 
-        Walks of one policy fall alike, so the candidates are the samples.
+        Walks of one policy fall alike. The candidates of one search are not independent
+        either, so the interval speaks of this search and not of a search anew.
         """
         if len(self.shares) < 2 or len(set(self.shares)) == 1:
             return share_interval(self.count, self.rollouts)
         ends = mean_interval(self.shares)
         share = self.count / self.rollouts
-        return Interval(share, min(ends.low, share), max(ends.high, share))
+        low, high = max(ends.low, 0.0), min(ends.high, 1.0)
+        return Interval(share, min(low, share), max(high, share))
 
 
 class Method(NamedTuple):
     """How one method did on the robot."""
 
     name: str
-    candidates: list[Candidate]
-    best: Candidate | None  # fastest candidate with no fall
+    candidates: list[Candidate]  # of the search, without the chosen one
+    best: Candidate | None  # the chosen one, else the fastest with no fall
     gain: Interval | None  # per cent over theta0
     falls: Falls | None  # None if only the first generation was evaluated
+
+    @property
+    def evaluated(self) -> bool:
+        """Whether any learned walk of it has been on the robot."""
+        return bool(self.candidates) or self.best is not None
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether its best walk was walked again with fresh seeds."""
+        return self.best is not None and self.best.candidate == CHOSEN
+
+    @property
+    def stands(self) -> bool:
+        """Whether its best walk never fell."""
+        return self.best is not None and self.best.falls == 0
 
     @property
     def label(self) -> str:
@@ -106,6 +128,26 @@ class Summary(NamedTuple):
 
     theta0: Candidate | None
     methods: list[Method]  # in the order of LABELS
+    grounded: str  # the method that is compared with no grounding
+
+    @property
+    def ranked(self) -> list[Method]:
+        """Methods whose best walk has a velocity, the first is the best.
+
+        One that never fell goes before one that did, a confirmed one before one that
+        was measured on the walks it was picked by, and then the faster one.
+        """
+        walking = [each for each in self.methods if each.best and each.best.upright]
+        return sorted(
+            walking,
+            key=lambda each: (each.stands, each.confirmed, speed(each)),
+            reverse=True,
+        )
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether any best walk of the run was walked again with fresh seeds."""
+        return any(method.confirmed for method in self.methods)
 
 
 def label_of(method: str) -> str:
@@ -133,7 +175,11 @@ def summarise(run: Run) -> Summary:
         )
         for name in names
     ]
-    return Summary(theta0=theta0, methods=methods)
+    planned = set(names)
+    if isinstance(run.config.get("methods"), list):
+        planned |= {str(name) for name in run.config["methods"]}
+    grounded = next((name for name in GROUNDED if name in planned), GROUNDED[0])
+    return Summary(theta0=theta0, methods=methods, grounded=grounded)
 
 
 def group_candidates(rollouts: Sequence[Rollout]) -> list[Candidate]:
@@ -159,6 +205,8 @@ def first_generations(run: Run) -> dict[tuple[str, int], int]:
     """Number of the first generation of each method and iteration."""
     first: dict[tuple[str, int], int] = {}
     for row in (*run.metrics, *run.rollouts):
+        if row.candidate == CHOSEN:  # a copy says nothing about where a search began
+            continue
         key = (row.method, row.iteration)
         first[key] = min(first.get(key, row.generation), row.generation)
     return first
@@ -166,32 +214,85 @@ def first_generations(run: Run) -> dict[tuple[str, int], int]:
 
 def summarise_method(
     name: str,
-    candidates: list[Candidate],
+    walked: list[Candidate],
     theta0: Candidate | None,
     first: dict[tuple[str, int], int],
 ) -> Method:
-    """Best candidate without a fall, its gain, and the falls of all candidates."""
-    standing = [each for each in candidates if each.falls == 0]
-    best = max(standing, key=_mean_velocity, default=None)
+    """Best walk of a method, its gain, and the falls of all candidates.
+
+    As in the paper, the first generation does not count where there are later ones: its
+    policies are drawn at random, nothing was learned yet.
+    """
     later = [
-        each for each in candidates if each.generation > first[name, each.iteration]
+        each
+        for each in walked
+        if each.generation > first.get((name, each.iteration), each.generation - 1)
     ]
+    candidates = [each for each in walked if each.candidate != CHOSEN]
+    searched = [each for each in later if each.candidate != CHOSEN]
+    best = best_of(later if searched else walked)
     falls = None
-    if later:
+    if searched:
         falls = Falls(
-            count=sum(each.falls for each in later),
-            rollouts=sum(each.rollouts for each in later),
-            shares=tuple(each.falls / each.rollouts for each in later),
+            count=sum(each.falls for each in searched),
+            rollouts=sum(each.rollouts for each in searched),
+            shares=tuple(each.falls / each.rollouts for each in searched),
         )
-    gain = None
-    if best and theta0 and theta0.upright:
-        gain = gain_interval(best.upright, theta0.upright)
+    gain = gain_over(theta0, best)
     return Method(name, candidates, best, gain, falls)
+
+
+def best_of(walked: list[Candidate]) -> Candidate | None:
+    """The chosen candidate of the last iteration that has one, falls or not.
+
+    Without one it is the fastest candidate that never fell.
+    """
+    chosen = [each for each in walked if each.candidate == CHOSEN]
+    if chosen:
+        return max(chosen, key=lambda each: (each.iteration, each.generation))
+    return fastest_standing(walked)
+
+
+def fastest_standing(candidates: Iterable[Candidate]) -> Candidate | None:
+    """The fastest candidate that never fell, on the walks that it is picked by."""
+    standing = [each for each in candidates if each.falls == 0]
+    return max(standing, key=_mean_velocity, default=None)
+
+
+def gain_over(
+    theta0: Candidate | None, best: Candidate | None, level: float = LEVEL
+) -> Interval | None:
+    """Gain of a walk over theta0 in per cent; None if one of them never stood."""
+    if best is None or theta0 is None or not (best.upright and theta0.upright):
+        return None
+    return gain_interval(best.upright, theta0.upright, level)
 
 
 def faster(one: Candidate, other: Candidate) -> Interval:
     """Velocity of `one` minus velocity of `other`, cm/s."""
     return difference_interval(one.upright, other.upright)
+
+
+def fewer_falls(one: Falls, other: Falls) -> Interval:
+    """Share of falls of `one` minus that of `other`.
+
+    The wider of two intervals: over candidates (Welch), and over walks from the ends of
+    two Wilson intervals (Newcombe 1998), which is not of width zero where all
+    candidates of both searches agree.
+    """
+    welch = difference_interval(one.shares, other.shares)
+    first = share_interval(one.count, one.rollouts)
+    second = share_interval(other.count, other.rollouts)
+    mean = first.mean - second.mean
+    below = math.hypot(first.mean - first.low, second.high - second.mean)
+    above = math.hypot(first.high - first.mean, second.mean - second.low)
+    return Interval(mean, min(welch.low, mean - below), max(welch.high, mean + above))
+
+
+def speed(method: Method) -> float:
+    """Mean velocity of the best walk, cm/s; -inf without one."""
+    best = method.best
+    return _mean_velocity(best) if best and best.upright else -math.inf
 
 
 def _mean_velocity(candidate: Candidate) -> float:

@@ -89,7 +89,7 @@ def read_walk(path: Path) -> Walk:
 
 def choose(walks: dict[str, Walk], winner: str | None) -> list[Walk]:
     """Order walks for the viewer: the first walk, the best walk, then the others."""
-    first = ("theta0_robot", "theta0_simulator")
+    first = ("theta0_robot",)
     best = (f"{winner}_best_robot",) if winner else ()
     best += tuple(name for name in walks if name.endswith("_best_robot"))
     best += tuple(name for name in walks if name not in first)

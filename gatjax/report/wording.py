@@ -36,7 +36,7 @@ def significant(value: float, digits: int = 3) -> str:
 def span(interval: Interval, digits: int = 1, sign: bool = False) -> str:
     """Write the ends of an interval, `18.0 to 18.4`."""
     if not interval.known:
-        return "one walk, no interval"
+        return "too few walks for an interval"
     low = number(interval.low, digits, sign)
     return f"{low} to {number(interval.high, digits, sign)}"
 

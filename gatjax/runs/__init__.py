@@ -5,16 +5,24 @@ either written whole or not at all (`write_whole`), so a kill at any moment leav
 folder that can be read and resumed.
 """
 
-from gatjax.runs.files import write_json, write_whole
-from gatjax.runs.folder import RunFolder, latest_run, open_run, resume_run
+from gatjax.runs.files import read_json, write_json, write_whole
+from gatjax.runs.folder import (
+    RunFolder,
+    check_same,
+    latest_run,
+    open_run,
+    resume_run,
+)
 from gatjax.runs.policies import read_policy, write_policy
 from gatjax.runs.tables import add_rows, read_table
 
 __all__ = [
     "RunFolder",
     "add_rows",
+    "check_same",
     "latest_run",
     "open_run",
+    "read_json",
     "read_policy",
     "read_table",
     "resume_run",

@@ -57,7 +57,8 @@ def open_run(
         raise OSError(f"{path}: cannot be made ({error.strerror})") from error
     try:
         write_json(path / "config.json", settings)
-        write_json(path / "environment.json", _environment(device))
+        seed = {"seed": settings["seed"]} if "seed" in settings else {}
+        write_json(path / "environment.json", seed | _environment(device))
         _make_folders(path)
     except OSError:
         shutil.rmtree(path, ignore_errors=True)
@@ -84,7 +85,7 @@ def resume_run(path: str | Path, config: Any = None) -> RunFolder:
         )
     settings = read_json(path / "config.json")
     if config is not None:
-        _check_same(settings, _plain(config), path)
+        check_same(settings, _plain(config), path)
     _make_folders(path)
     return RunFolder(path=path, config=settings)
 
@@ -171,12 +172,12 @@ def _listed(root: Path) -> str:
     return f"runs in {root}: {', '.join(names) if names else 'none'}"
 
 
-def _check_same(old: Any, new: Any, path: Path, field: str = "") -> None:
+def check_same(old: Any, new: Any, path: Path, field: str = "") -> None:
     """Refuses two configs that differ, with the first field that does."""
     if isinstance(old, dict) and isinstance(new, dict):
         for key in [*new, *(key for key in old if key not in new)]:
             name = f"{field}.{key}" if field else key
-            _check_same(old.get(key), new.get(key), path, name)
+            check_same(old.get(key), new.get(key), path, name)
     elif old != new:
         raise ValueError(
             f"{path}: started with {field} = {old!r}, now it is {new!r}; resume with "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from gatjax.records import Trajectory
 from gatjax.robot.model import slots as find_slots
+from gatjax.runs import write_whole
 from gatjax.sim.episode import coupled
 
 Array = Any
@@ -37,7 +39,10 @@ def states(model: mujoco.MjModel, trajectory: Trajectory) -> Array:
 def write_walk(
     path: Path, model: mujoco.MjModel, trajectory: Trajectory, label: str
 ) -> None:
-    """Write one run [T, ...] as frames for the viewer; the file is in docs/files.md."""
+    """Write one run [T, ...] as frames for the viewer; the file is in docs/files.md.
+
+    The file is written whole or not at all.
+    """
     alive = np.asarray(trajectory.alive)
     last = int(alive.sum()) + 1  # the fall itself is shown
     step = max(1, round(1.0 / FRAME_RATE / float(trajectory.time[1])))
@@ -54,8 +59,9 @@ def write_walk(
         for index in range(model.ngeom)
         if model.geom_group[index] == SHOWN_GROUP and model.geom_type[index] in SHAPES
     ]
+    buffer = io.BytesIO()
     np.savez(
-        path,
+        buffer,
         allow_pickle=False,
         time=np.asarray(trajectory.time)[:last:step],
         body_position=position,
@@ -68,3 +74,4 @@ def write_walk(
         geom_rgba=model.geom_rgba[shown],
         label=np.array(label),
     )
+    write_whole({path: buffer.getvalue()})

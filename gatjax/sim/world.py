@@ -17,6 +17,7 @@ from gatjax.effects.catalogue import cause
 from gatjax.effects.effect import Effect, chain
 from gatjax.records import Reading
 from gatjax.robot import model as robot_model
+from gatjax.runs import write_json
 from gatjax.task import Task
 
 SCHEMA = "gatjax.world/1"
@@ -50,6 +51,11 @@ class World:
     def substeps(self) -> int:
         """Physics steps in a control tick."""
         return round(self.task.control_period / self.model.opt.timestep)
+
+    @property
+    def rate_hz(self) -> float:
+        """Control rate as it is written down: 50.0, 100.0 or 83.3 Hz."""
+        return round(1.0 / self.task.control_period, 1)
 
     def chains(self) -> tuple[Effect, Effect, Effect]:
         """Command, motor and sensor effects, each as one effect."""
@@ -148,41 +154,104 @@ def dropped_by_mjx(model: mujoco.MjModel) -> list[str]:
 
 
 def write_world(path: Path, world: World, made_by: dict, grounding: str | None) -> None:
-    """Write world.json."""
+    """Write world.json, whole or not at all."""
     source = world.source
     if source != "nao":  # beside the world file, so that both can move together
         source = os.path.relpath(source, path.parent)
     text = {
         "schema": SCHEMA,
         "model": source,
+        "rate_hz": world.rate_hz,
         "effects": list(world.causes),
         "grounding": grounding,
         "made_by": made_by,
     }
-    path.write_text(json.dumps(text, indent=2) + "\n")
+    write_json(path, text)
 
 
 def read_world(path: Path, task: Task = Task()) -> tuple[World, Path | None]:
-    """Load world.json; also return its grounding folder, if it has one."""
-    try:
-        text = json.loads(Path(path).read_text())
-    except FileNotFoundError as error:
-        raise FileNotFoundError(f"world file {path} does not exist") from error
-    except json.JSONDecodeError as error:
-        raise ValueError(f"{path} is not JSON: {error}") from error
-    if text.get("schema") != SCHEMA:
-        raise ValueError(f"{path}: schema is {text.get('schema')!r}, need {SCHEMA!r}")
-    missing = [key for key in ("model", "effects") if key not in text]
-    if missing:
-        raise ValueError(f"{path}: {missing[0]!r} is missing; see docs/files.md")
+    """Load world.json; also return its grounding folder, if it has one.
+
+    Raises:
+        FileNotFoundError: the file or its model does not exist.
+        ValueError: one line that says what is wrong in the file.
+    """
+    text = _world_text(Path(path))
     source = text["model"]
     world = nominal(task, source if source == "nao" else Path(path).parent / source)
-    for row in text["effects"]:
-        entry = cause(row["cause"])
-        if entry.parameter not in row["values"]:
-            raise ValueError(f"{path}: {row['cause']} needs {entry.parameter!r}")
-        world = add_cause(
-            world, row["cause"], row["where"], row["values"][entry.parameter]
-        )
+    for number, row in enumerate(text["effects"], start=1):
+        name, where, value = _effect_row(row, f"{path}: effect {number}")
+        world = add_cause(world, name, where, value)
     grounding = text.get("grounding")
-    return world, Path(path).parent / grounding if grounding else None
+    if not grounding:
+        return world, None
+    check_rate(world, text.get("rate_hz"), str(path))
+    return world, Path(path).parent / grounding
+
+
+def check_rate(world: World, rate_hz: float | None, name: str) -> None:
+    """Refuse what was learned at another control rate than the world's.
+
+    Args:
+        world: where it is to be used.
+        rate_hz: that it was learned at; None where it does not say.
+        name: of what was learned, for the message.
+    """
+    if rate_hz is not None and abs(rate_hz / world.rate_hz - 1.0) > 0.01:
+        raise ValueError(
+            f"{name}: learned at {rate_hz:g} Hz, used at {world.rate_hz:g} Hz; choose "
+            f"--rate-hz {rate_hz:g}, or ground at {world.rate_hz:g} Hz"
+        )
+
+
+def _world_text(path: Path) -> dict[str, Any]:
+    """Read a world file and check all but its effects."""
+    try:
+        text = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise FileNotFoundError(f"world file {path} does not exist") from error
+    except ValueError as error:
+        raise ValueError(f"{path} is not JSON: {error}") from error
+    if not isinstance(text, dict):
+        raise ValueError(f"{path}: expected {{key: value}}; see docs/files.md")
+    if text.get("schema") != SCHEMA:
+        raise ValueError(f"{path}: schema is {text.get('schema')!r}, need {SCHEMA!r}")
+    wanted: dict[str, Any] = {"model": str, "effects": list}
+    missing = [key for key in wanted if key not in text]
+    if missing:
+        raise ValueError(f"{path}: {missing[0]!r} is missing; see docs/files.md")
+    wanted |= {"grounding": str | None, "rate_hz": int | float | None}
+    for key, kind in wanted.items():
+        if not isinstance(text.get(key), kind) or text.get(key) is True:
+            raise ValueError(f"{path}: {key} is {text[key]!r}; see docs/files.md")
+    if text.get("rate_hz") is not None and not 0.0 < text["rate_hz"] < np.inf:
+        raise ValueError(f"{path}: rate_hz is {text['rate_hz']}; it is a number > 0")
+    return text
+
+
+def _effect_row(row: Any, name: str) -> tuple[str, list[str], float]:
+    """Check one row of `effects`; return cause, joints and value."""
+    if not isinstance(row, dict) or not isinstance(row.get("cause"), str):
+        raise ValueError(f"{name} must be {{cause, where, values}}, it is {row!r}")
+    entry, where, values = cause(row["cause"]), row.get("where"), row.get("values")
+    if (
+        not isinstance(where, list)
+        or not where
+        or not all(isinstance(joint, str) for joint in where)
+    ):
+        raise ValueError(
+            f"{name}, {row['cause']}: where is {where!r}; it must be a list of joint "
+            f'names or ["all"]'
+        )
+    if not isinstance(values, dict) or set(values) != {entry.parameter}:
+        raise ValueError(
+            f"{name}, {row['cause']} needs {entry.parameter!r} in values and nothing "
+            f"else; values is {values!r}"
+        )
+    value = values[entry.parameter]
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError(
+            f"{name}, {row['cause']}: {entry.parameter} is {value!r}; it must be a "
+            f"number in {entry.unit}"
+        )
+    return row["cause"], where, float(value)
