@@ -139,6 +139,25 @@ def check(space: Space) -> None:
         )
 
 
+def checked(settings: SearchSettings) -> SearchSettings:
+    """Return settings that a search can run with.
+
+    Raises:
+        ValueError: one line with the setting that is wrong and what it may be.
+    """
+    for name, least in (("population", 4), ("rollouts", 1), ("generations", 1)):
+        if getattr(settings, name) < least:
+            raise ValueError(
+                f"search: {name} is {getattr(settings, name)}; use {least} or more"
+            )
+    if not 0.0 < settings.sigma <= settings.sigma_max < float("inf"):
+        raise ValueError(
+            f"search: sigma {settings.sigma} must be above 0 and at most sigma_max "
+            f"{settings.sigma_max}"
+        )
+    return settings
+
+
 def start(space: Space, settings: SearchSettings, key: Array) -> SearchState:
     """Begin a search at theta0 (call it outside `jax.jit`).
 
@@ -148,9 +167,10 @@ def start(space: Space, settings: SearchSettings, key: Array) -> SearchState:
         key: the search's random key; the same key gives the same search.
 
     Raises:
-        ValueError: the space cannot be searched.
+        ValueError: the space cannot be searched, or not with these settings.
     """
     check(space)
+    settings = checked(settings)
     strategy = _strategy(settings.population, len(space.theta0))
     parameters = strategy.default_params.replace(
         std_init=jnp.asarray(settings.sigma), std_max=jnp.asarray(settings.sigma_max)

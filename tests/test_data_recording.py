@@ -15,7 +15,12 @@ from gatjax.data.recording import (
     read_recording,
     write_recording,
 )
-from gatjax.data.trajectories import split_by_trajectory, to_arrays, to_recording
+from gatjax.data.trajectories import (
+    at_rate,
+    split_by_trajectory,
+    to_arrays,
+    to_recording,
+)
 from gatjax.records import FORCE_SENSORS, JOINTS, Base, Reading, Trajectory
 
 ENDINGS = (".parquet", ".csv")
@@ -396,6 +401,52 @@ def test_a_batch_without_a_living_row_is_refused():
         to_recording(
             runs._replace(alive=np.zeros_like(runs.alive)), "nao", 50.0, {"seed": 3}
         )
+
+
+def timed(time, trajectory=None):
+    time = np.asarray(time, float)
+    ids = np.zeros(len(time), int) if trajectory is None else np.asarray(trajectory)
+    columns = {f"{kind}.HeadYaw": 10.0 * time for kind in ("command", "position")}
+    return Recording("log.csv", time, ids, columns, {})
+
+
+@pytest.mark.parametrize(
+    ("step", "says"),
+    [
+        (0.01, "a row every 10 ms, the control period is 20 ms; choose the --rate-hz"),
+        (0.0212, "a row every 21.2 ms"),
+        (0.0188, "resample it to 50 Hz"),
+    ],
+)
+def test_a_log_of_another_rate_is_refused_with_both_numbers(step, says):
+    with pytest.raises(ValueError, match=r"log\.csv") as caught:
+        at_rate(timed(np.arange(50) * step), 0.02)
+    assert says in str(caught.value)
+
+
+def test_a_log_that_jitters_around_its_rate_comes_back_as_it_is():
+    jitter = np.random.default_rng(0).uniform(-0.004, 0.004, 50)
+    recording = timed(np.arange(50) * 0.0205 + jitter)
+    assert at_rate(recording, 0.02) == (recording, 0)
+    assert at_rate(timed([3.0]), 0.02)[1] == 0
+
+
+def test_no_run_spans_a_gap():
+    """Two runs, their rows mixed; one lost a row, one has two rows 4 ms apart."""
+    first = np.delete(np.arange(30) * 0.02, 10)
+    second = np.insert(np.arange(30) * 0.02, 21, 0.404)
+    order = np.random.default_rng(0).permutation(60)
+    time, ids = np.concatenate([first, second]), np.repeat([3, 7], [29, 31])
+    mixed = np.argsort(np.argsort(time[order], kind="stable"))
+    order = order[np.argsort(mixed)]
+    recording, gaps = at_rate(timed(time[order], ids[order]), 0.02)
+    assert gaps == 2
+    runs = to_arrays(recording, ["HeadYaw"])
+    assert [len(run.time) for run in runs] == [10, 19, 21, 10]
+    for run in runs:
+        assert (np.abs(np.diff(run.time) - 0.02) <= 0.01).all()
+        np.testing.assert_array_equal(run.angle[:, 0], 10.0 * run.time)
+    np.testing.assert_array_equal(runs[1].time, first[10:])
 
 
 def test_arrays_follow_the_order_of_the_joints_asked_for():

@@ -165,6 +165,18 @@ def test_a_finished_run_does_nothing_again(done, tmp_path):
     loop.run(folder, SETTINGS, Idle(), quiet())
 
 
+def test_a_run_does_not_go_on_with_another_robot(done, robot, tmp_path):
+    folder = tmp_path / "run"
+    shutil.copytree(done, folder)
+    before = (folder / "robot.json").read_text()
+    other = loop.Simulator(robot.world)
+    with pytest.raises(
+        ValueError, match="begun with the robot 'late', not 'simulator'"
+    ):
+        loop.run(folder, SETTINGS, other, quiet())
+    assert (folder / "robot.json").read_text() == before
+
+
 def test_a_second_iteration_starts_from_the_best_walk(robot, tmp_path):
     settings = LoopSettings(
         methods=("gat",), robot_trajectories=4, simulator_trajectories=4, evaluations=1,
@@ -187,6 +199,7 @@ def test_a_second_iteration_starts_from_the_best_walk(robot, tmp_path):
     [
         ({"methods": ("gatt",)}, "method 'gatt' is unknown; choose from"),
         ({"methods": ("gat", "gat")}, "name one twice"),
+        ({"methods": ()}, "no methods given"),
         ({"evaluations": 0}, "evaluations is 0; use 1 or more"),
         ({"robot_trajectories": 1}, "robot_trajectories is 1; use 4 or more"),
         ({"rate_hz": 60.0}, "rate 60.0 Hz is unknown; choose from"),

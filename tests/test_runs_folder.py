@@ -81,6 +81,9 @@ def test_the_environment_names_versions_and_device(tmp_path):
     assert environment["device"] == "cpu:0"
     assert environment["cpu_count"] == os.cpu_count()
     assert {"python", "platform", "commit"} <= set(environment)
+    assert environment["seed"] == 0
+    other = open_run(tmp_path, Search(), "b").path / "environment.json"
+    assert "seed" not in json.loads(other.read_text())
 
 
 def test_a_run_that_exists_is_not_written_over(tmp_path):

@@ -187,7 +187,7 @@ def test_a_wrong_file_is_refused_in_one_line(tmp_path, change, message):
 
 def test_a_file_that_holds_no_object_is_refused(tmp_path):
     (tmp_path / "world.json").write_text("[]")
-    with pytest.raises(ValueError, match="expected {key: value}"):
+    with pytest.raises(ValueError, match=r"expected \{key: value\}"):
         read_world(tmp_path / "world.json")
 
 

@@ -7,6 +7,7 @@ import sys
 import traceback
 from typing import Any
 
+from gatjax import __version__
 from gatjax.cli.arguments import Run, Search, parse
 
 STOPPED, FAILED = 130, 1  # exit codes: Ctrl-C, an error
@@ -22,6 +23,9 @@ def main(arguments: list[str] | None = None) -> int:
     given = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in given
     given = [word for word in given if word != "--debug"] or ["--help"]
+    if given[0] == "--version":
+        print(f"gatjax {__version__}")
+        return 0
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "2")
     chosen = None
     try:

@@ -13,7 +13,8 @@ from gatjax.settings import DEMO, PRESETS, LoopSettings, SearchSettings
 
 ABOUT = (
     "Ground a robot simulator in logs of the robot, search for a better walk in it, "
-    "and show whether the walk transfers. Start with: gatjax run"
+    "and show whether the walk transfers. Start with: gatjax run. "
+    "Every verb also takes --debug (tracebacks); gatjax --version prints the version."
 )
 
 

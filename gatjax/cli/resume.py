@@ -13,6 +13,7 @@ import numpy as np
 from gatjax import checkpoints, loop, runs
 from gatjax.cli.arguments import Run, Search
 from gatjax.settings import LoopSettings, SearchSettings
+from gatjax.sim.world import world_file
 from gatjax.walk.parameters import PARAMETERS
 
 SEARCH = "gatjax.search/1"
@@ -106,6 +107,7 @@ def _endless(config: dict[str, Any]) -> dict[str, Any]:
 
 def world_digest(path: Path) -> str:
     """Sixteen characters that change with a world: its file, model and grounding."""
+    path = world_file(path)
     text = json.loads(path.read_text(encoding="utf-8"))
     files = [path] if text["model"] == "nao" else [path, path.parent / text["model"]]
     if text.get("grounding"):

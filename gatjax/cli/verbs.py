@@ -10,23 +10,19 @@ from typing import Any
 import jax
 import numpy as np
 
+import gatjax
 from gatjax import loop, runs
 from gatjax.cli import arguments as verbs
+from gatjax.cli import logs
 from gatjax.cli.progress import shown
 from gatjax.cli.resume import open_search, resumed
 from gatjax.data.mapping import read_map
-from gatjax.data.recording import (
-    Recording,
-    check_recording,
-    read_recording,
-    write_recording,
-)
-from gatjax.data.trajectories import at_rate, to_recording
+from gatjax.data.recording import read_recording, write_recording
+from gatjax.data.trajectories import to_recording
 from gatjax.grounding import learn as grounders
 from gatjax.loop.setting import EVALUATION, ROBOT_LOG, SIMULATOR_LOG, Progress, seeds
 from gatjax.report import build_report
 from gatjax.report.page import build_walk_page
-from gatjax.robot.model import joint_names
 from gatjax.settings import LoopSettings, SearchSettings
 from gatjax.sim.backend import use_compile_cache
 from gatjax.sim.poses import states, write_walk
@@ -66,6 +62,21 @@ def policy_of(path: Path | None) -> np.ndarray:
     return THETA0 if path is None else runs.read_policy(path)
 
 
+def check_least(least: int, **numbers: int) -> None:
+    """Refuse numbers that are too small, by the names of their flags."""
+    for name, value in numbers.items():
+        if value < least:
+            flag = name.replace("_", "-")
+            raise ValueError(f"--{flag} is {value}; use {least} or more")
+
+
+def make_folder(path: Path) -> None:
+    """Make the folder that --out means."""
+    if path.exists() and not path.is_dir():
+        raise ValueError(f"{path}: is a file, --out needs a folder here")
+    path.mkdir(parents=True, exist_ok=True)
+
+
 @act.register
 def run(verb: verbs.Run) -> None:
     """Run the loop and write the report."""
@@ -76,6 +87,7 @@ def run(verb: verbs.Run) -> None:
         raise ValueError(f"--run {verb.run} goes with --resume; a new run takes --out")
     else:
         settings = loop.resolved(verb.loop)
+        make_robot(settings.robot, settings.body_seed)  # before there is a folder
         device = str(jax.devices()[0])
         folder = runs.open_run(verb.out, settings, device=device).path
     print(f"run folder {folder}", flush=True)
@@ -95,6 +107,8 @@ def run(verb: verbs.Run) -> None:
 @act.register
 def collect(verb: verbs.Collect) -> None:
     """Record walks of a robot."""
+    check_least(1, trajectories=verb.trajectories)
+    check_least(0, seed=verb.seed, body_seed=verb.body_seed)
     task = task_at(verb.rate_hz)
     robot = robot_of(verb.robot, verb.body_seed, verb.world, task)
     policies = np.tile(policy_of(verb.policy), (verb.trajectories, 1))
@@ -105,7 +119,7 @@ def collect(verb: verbs.Collect) -> None:
         trajectory, outcome = robot.walk(policies, drawn, task)
         progress.work(1.0)
     recording = to_recording(trajectory, robot.name, verb.rate_hz, {"seed": verb.seed})
-    verb.out.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(verb.out.parent)
     write_recording(verb.out, recording)
     print(f"{verb.out}: {len(policies)} trajectories, {summary(outcome)}")
 
@@ -124,8 +138,10 @@ def ground(verb: verbs.Ground) -> None:
     world = ungrounded(verb.world, task)
     mapping = None if verb.map is None else read_map(verb.map)
     theta, key = policy_of(verb.policy), jax.random.key(verb.seed)
-    robot = checked(read_recording(verb.robot_log, mapping), world)
-    simulator = checked(read_recording(verb.simulator_log), world)
+    robot = logs.checked(read_recording(verb.robot_log, mapping), world, least=4)
+    simulator = logs.checked(read_recording(verb.simulator_log), world, least=2)
+    logs.check_pair(robot, simulator)
+    make_folder(verb.out)
     with shown(3.0) as progress:
         progress.stage(f"{verb.method}: learn from {robot.name}")
         grounding = loop.learn_grounding(
@@ -139,13 +155,16 @@ def ground(verb: verbs.Ground) -> None:
         progress.stage(f"{verb.method}: predict held-out trajectories")
         rows = loop.predictions(world, grounding, robot, verb.seed)
         progress.work(1.0)
-    verb.out.mkdir(parents=True, exist_ok=True)
-    loop.write_grounded(verb.out, world, grounding, {"robot_log": str(verb.robot_log)})
-    for row in rows:
-        before, after = np.rad2deg([row["before_rad"], row["after_rad"]])
-        name, horizon = row["joint"], row["horizon_s"]
-        print(f"{name:<16} {horizon:5.2f} s: error {before:6.2f} -> {after:6.2f} deg")
-    print(f"learned by {verb.method}: {grounding.facts}")
+    made_by = {
+        "method": verb.method,
+        "seed": verb.seed,
+        "robot_log": str(verb.robot_log),
+        "simulator_log": str(verb.simulator_log),
+        "gatjax": gatjax.__version__,
+    }
+    loop.write_grounded(verb.out, world, grounding, made_by)
+    print(logs.table(rows))
+    print(f"learned by {verb.method}: {logs.about(grounding.facts)}")
     print(f"{verb.out / 'world.json'}: give it to any verb as --world")
 
 
@@ -161,19 +180,11 @@ def ungrounded(path: Path | None, task: Task) -> World:
     return world
 
 
-def checked(recording: Recording, world: World) -> Recording:
-    """Refuse a recording that cannot be trusted in this world; cut its gaps."""
-    check_recording(recording, joint_names(world.model))
-    recording, gaps = at_rate(recording, world.task.control_period)
-    if gaps:
-        print(f"{recording.name}: cut at {gaps} gaps in time", flush=True)
-    return recording
-
-
 @act.register
 def search(verb: verbs.Search) -> None:
     """Search for a faster walk in one world."""
     use_compile_cache()
+    check_least(0, seed=verb.seed)
     settings = SearchSettings(
         population=verb.population, rollouts=verb.rollouts, generations=verb.generations
     )
@@ -182,6 +193,7 @@ def search(verb: verbs.Search) -> None:
     )
     world = world_of(verb.world, task_at(verb.rate_hz))
     key, theta = jax.random.key(verb.seed), policy_of(verb.policy)
+    make_folder(verb.out)
     open_search(verb, settings, theta)
     keys = jax.random.split(key)
     job = loop.Job(verb.out, "search", 0, world, theta, *keys)
@@ -195,9 +207,17 @@ def search(verb: verbs.Search) -> None:
 @act.register
 def evaluate(verb: verbs.Evaluate) -> None:
     """Walk policies on a robot and print speed and falls."""
+    check_least(1, runs=verb.runs)
+    check_least(0, seed=verb.seed, body_seed=verb.body_seed)
+    if not 0.0 < verb.forward <= 1.0:
+        raise ValueError(f"--forward is {verb.forward}; use more than 0, at most 1")
     task = task_at(verb.rate_hz, forward=verb.forward)
     robot = robot_of(verb.robot, verb.body_seed, verb.world, task)
-    named = {path.stem: runs.read_policy(path) for path in verb.policies}
+    clear = len({path.stem for path in verb.policies}) == len(verb.policies)
+    named = {
+        path.stem if clear else str(path): runs.read_policy(path)
+        for path in verb.policies
+    }
     named = named or {"theta0": THETA0}
     drawn = seeds(EVALUATION, verb.seed, verb.runs)
     found = {}
@@ -214,6 +234,9 @@ def evaluate(verb: verbs.Evaluate) -> None:
 @act.register
 def view(verb: verbs.View) -> None:
     """Show one walk."""
+    check_least(0, seed=verb.seed, body_seed=verb.body_seed)
+    if not verb.live and verb.out.suffix not in (".html", ".mp4"):
+        raise ValueError(f"--out {verb.out}: a walk ends in .html or .mp4")
     task = task_at(verb.rate_hz)
     robot = robot_of(verb.robot, verb.body_seed, verb.world, task)
     theta = policy_of(verb.policy)
@@ -225,7 +248,7 @@ def view(verb: verbs.View) -> None:
 
         play(model, states(model, walk), task.control_period)
         return
-    verb.out.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(verb.out.parent)
     if verb.out.suffix == ".mp4":
         from gatjax.cli.film import film
 
@@ -243,12 +266,16 @@ def view(verb: verbs.View) -> None:
 def report(verb: verbs.Report) -> None:
     """Write the report of a run folder."""
     folder = runs.latest_run("runs") if verb.run is None else verb.run
+    runs.check_run(folder)
     print(f"report {build_report(folder)}")
 
 
 @act.register
 def bench(verb: verbs.Bench) -> None:
     """Measure and print steps/s."""
+    check_least(1, worlds=verb.worlds)
+    if verb.seconds <= 0.0:
+        raise ValueError(f"--seconds is {verb.seconds}; use more than 0")
     from gatjax.cli.bench import measure, table
 
     rows = measure(verb.backends, verb.worlds, verb.seconds)

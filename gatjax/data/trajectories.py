@@ -113,6 +113,11 @@ def at_rate(recording: Recording, period: float) -> tuple[Recording, int]:
     steps = np.diff(recording.time[order])
     median = float(np.median(steps[same])) if same.any() else period
     if abs(median / period - 1.0) > RATE_TOLERANCE:
+        if abs(median / period / 1000.0 - 1.0) < RATE_TOLERANCE:
+            raise ValueError(
+                f"{recording.name}: a row every {median:.4g} s looks like milliseconds; "
+                f"use a map with time: {{unit: ms}}"
+            )
         raise ValueError(
             f"{recording.name}: a row every {1000.0 * median:.4g} ms, the control "
             f"period is {1000.0 * period:.4g} ms; choose the --rate-hz of the log "

@@ -183,7 +183,8 @@ def read_grounding(folder: Path) -> Grounding:
     """
     try:
         text = read_json(folder / "grounder.json")
-        with np.load(folder / "weights.npz", allow_pickle=False) as file:
+        weights = io.BytesIO((folder / "weights.npz").read_bytes())
+        with np.load(weights, allow_pickle=False) as file:
             arrays = dict(file)
     except (OSError, EOFError, ValueError, zipfile.BadZipFile) as error:
         raise ValueError(

@@ -89,6 +89,8 @@ def resolved(settings: LoopSettings) -> LoopSettings:
     Raises:
         ValueError: one line with the setting that is wrong and what it may be.
     """
+    if not settings.methods:
+        raise ValueError("no methods given; name at least one, for example: none gat")
     for method in settings.methods:
         check_method(method)
     if len(set(settings.methods)) != len(settings.methods):

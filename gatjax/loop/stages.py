@@ -6,6 +6,7 @@ was stopped goes on where it was.
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -45,7 +46,7 @@ def run(folder: Path, settings: LoopSettings, robot: Robot, progress: Progress) 
     """
     task = task_at(settings.rate_hz)
     setting = Setting(folder, settings, task, nominal(task), robot, progress)
-    runs.write_json(folder / "robot.json", {"name": robot.name, **robot.constants()})
+    name_robot(folder, robot)
     runs.write_policy(folder / "policies", "theta0", THETA0, {"by": "hand"})
     confirm(setting, Candidate("theta0", 0, 0, "best", THETA0))
     show(setting, "theta0_robot", THETA0, f"theta0 on {robot.name}")
@@ -56,6 +57,19 @@ def run(folder: Path, settings: LoopSettings, robot: Robot, progress: Progress) 
         show(
             setting, f"{method}_best_robot", theta, f"best of {method} on {robot.name}"
         )
+
+
+def name_robot(folder: Path, robot: Robot) -> None:
+    """Write robot.json; refuse to go on with a run that another robot began."""
+    path = folder / "robot.json"
+    if path.exists():
+        begun = json.loads(path.read_text()).get("name")
+        if begun != robot.name:
+            raise ValueError(
+                f"{folder} was begun with the robot {begun!r}, not {robot.name!r}; "
+                f"go on with that one (loop.run), or start a new run"
+            )
+    runs.write_json(path, {"name": robot.name, **robot.constants()})
 
 
 def improve(setting: Setting, method: str, iteration: int, theta: Array) -> Array:

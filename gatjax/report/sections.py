@@ -81,7 +81,7 @@ def method_table(summary: Summary) -> str:
     head = (
         f"<tr><th>method</th><th class=n>{what}, cm/s</th>"
         "<th class=n>gain over theta0</th>"
-        "<th class=n>falls in the search<br>after the first<br>generation</th>"
+        "<th class=n>falls in search<br>after the first<br>generation</th>"
         "<th>found in</th>"
         "<th class='n paper'>paper:<br>gain</th>"
         "<th class='n paper'>paper:<br>failed trials</th></tr>"
@@ -172,10 +172,9 @@ def _speed_cell(method: Method) -> str:
     if best is None:
         why = "no walk without a fall" if method.evaluated else "not evaluated"
         return f"{DASH}<small>{why}</small>"
-    words = f"<small>{escape(evidence(method))}</small>" if method.confirmed else ""
     if best.velocity is None:
-        return DASH + words
-    return f"{number(best.velocity.mean)}<small>{span(best.velocity)}</small>{words}"
+        return f"{DASH}<small>every walk fell</small>"
+    return f"{number(best.velocity.mean)}<small>{span(best.velocity)}</small>"
 
 
 def _found_cell(method: Method) -> str:
@@ -185,7 +184,7 @@ def _found_cell(method: Method) -> str:
     found = f"generation {best.generation}"
     if any(each.iteration for each in method.candidates):
         found += f", iteration {best.iteration}"
-    words = f"confirmed by {best.rollouts} walks"
+    words = evidence(method)
     if not method.confirmed:
         words = f"{best.candidate} candidate, {best.rollouts} walks, not confirmed"
     return f"{found}<small>{escape(words)}</small>"

@@ -41,9 +41,7 @@ class Paper(NamedTuple):
 
 PAPER = {
     "none": Paper(gain=11.1, failed=7, generation=1.3),
-    "envelope": Paper(
-        gain=18.9, failed=5, generation=6.6, remark="of N(0, 1); here a variant"
-    ),
+    "envelope": Paper(gain=18.9, failed=5, generation=6.6, remark="theirs: N(0, 1)"),
     "gat": Paper(gain=22.5, failed=1, generation=2.7),
 }
 PAPER_THETA0 = 19.52  # cm/s on the NAO, table 2

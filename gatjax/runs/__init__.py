@@ -8,6 +8,7 @@ folder that can be read and resumed.
 from gatjax.runs.files import read_json, write_json, write_whole
 from gatjax.runs.folder import (
     RunFolder,
+    check_run,
     check_same,
     latest_run,
     open_run,
@@ -19,6 +20,7 @@ from gatjax.runs.tables import add_rows, read_table
 __all__ = [
     "RunFolder",
     "add_rows",
+    "check_run",
     "check_same",
     "latest_run",
     "open_run",

@@ -78,16 +78,27 @@ def resume_run(path: str | Path, config: Any = None) -> RunFolder:
         FileNotFoundError: not a run folder; the line lists the runs beside it.
         ValueError: one line with the first setting that differs.
     """
-    path = Path(path)
-    if not (path / "config.json").is_file():
-        raise FileNotFoundError(
-            f"{path}: not a run folder, it has no config.json; {_listed(path.parent)}"
-        )
+    path = check_run(path)
     settings = read_json(path / "config.json")
     if config is not None:
         check_same(settings, _plain(config), path)
     _make_folders(path)
     return RunFolder(path=path, config=settings)
+
+
+def check_run(path: str | Path) -> Path:
+    """Refuses a folder that is not a run folder.
+
+    Raises:
+        FileNotFoundError: one line that lists the runs beside it.
+    """
+    path = Path(path)
+    for name in ("config.json", "environment.json"):
+        if not (path / name).is_file():
+            raise FileNotFoundError(
+                f"{path}: not a run folder, it has no {name}; {_listed(path.parent)}"
+            )
+    return path
 
 
 def latest_run(root: str | Path) -> Path:

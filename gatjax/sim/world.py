@@ -170,15 +170,16 @@ def write_world(path: Path, world: World, made_by: dict, grounding: str | None) 
 
 
 def read_world(path: Path, task: Task = Task()) -> tuple[World, Path | None]:
-    """Load world.json; also return its grounding folder, if it has one.
+    """Load a world file, or the one of a folder; also return its grounding folder, if it has one.
 
     Raises:
         FileNotFoundError: the file or its model does not exist.
         ValueError: one line that says what is wrong in the file.
     """
-    text = _world_text(Path(path))
+    path = world_file(path)
+    text = _world_text(path)
     source = text["model"]
-    world = nominal(task, source if source == "nao" else Path(path).parent / source)
+    world = nominal(task, source if source == "nao" else path.parent / source)
     for number, row in enumerate(text["effects"], start=1):
         name, where, value = _effect_row(row, f"{path}: effect {number}")
         world = add_cause(world, name, where, value)
@@ -186,7 +187,12 @@ def read_world(path: Path, task: Task = Task()) -> tuple[World, Path | None]:
     if not grounding:
         return world, None
     check_rate(world, text.get("rate_hz"), str(path))
-    return world, Path(path).parent / grounding
+    return world, path.parent / grounding
+
+
+def world_file(path: str | Path) -> Path:
+    """Return the world file that a path means; a folder means its world.json."""
+    return Path(path) / "world.json" if Path(path).is_dir() else Path(path)
 
 
 def check_rate(world: World, rate_hz: float | None, name: str) -> None:

@@ -1,0 +1,301 @@
+"""Going on from the command line: with the same search or run, or not at all."""
+
+import dataclasses
+import importlib
+import json
+import shutil
+import zipfile
+
+import numpy as np
+import pytest
+
+from gatjax import loop, runs
+from gatjax.cli import main, resume, verbs
+from gatjax.cli.arguments import parse
+from gatjax.cli.film import film
+from gatjax.cli.resume import resumed, world_digest
+from gatjax.data.recording import Recording, write_recording
+from gatjax.grounding.envelope import Envelope
+from gatjax.grounding.learn import Grounding, write_grounding
+from gatjax.loop.setting import EVALUATION, ROBOT_LOG, seeds
+from gatjax.records import JOINTS
+from gatjax.settings import DEMO
+from gatjax.sim.world import add_cause, nominal, write_world
+from gatjax.walk.parameters import THETA0
+
+
+def refused(capsys, given):
+    """Run the command line; return the one line with which it fails."""
+    assert main(given) == 1
+    lines = capsys.readouterr().err.strip().splitlines()
+    lines = [line for line in lines if not line.startswith("[")]  # progress
+    assert len(lines) == 1, lines
+    return lines[0]
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    """A search of one generation."""
+    folder = tmp_path_factory.mktemp("found")
+    assert main(search(folder)) == 0
+    return folder
+
+
+def search(folder, *more):
+    return [
+        "search", "--out", str(folder), "--population", "4", "--rollouts", "1",
+        "--generations", "1", "--backend", "native", *more,
+    ]  # fmt: skip
+
+
+def world_file(folder, *causes):
+    world = nominal()
+    for cause, value in causes:
+        world = add_cause(world, cause, ["all"], value)
+    folder.mkdir(exist_ok=True)
+    write_world(folder / "world.json", world, {}, None)
+    return folder / "world.json"
+
+
+def test_a_search_goes_on_in_its_own_folder_only(found, tmp_path, capsys):
+    other = tmp_path / "other"
+    theta = THETA0.copy()
+    theta[0] += 0.001
+    runs.write_policy(tmp_path, "start", theta, {})
+    world = world_file(other, ("command_delay", 0.02))
+    for more, says in (
+        (["--world", str(world)], "world = None, now it is '"),
+        (["--policy", str(tmp_path / "start.json")], "policy."),
+        (["--seed", "1"], "seed = 0, now it is 1"),
+        (["--rate-hz", "100"], "rate_hz = 50.0, now it is 100.0"),
+        (["--population", "6"], "search.population = 4, now it is 6"),
+        (["--rollouts", "2"], "search.rollouts = 1, now it is 2"),
+    ):
+        assert f"started with {says}" in refused(capsys, search(found, *more))
+
+
+def test_more_generations_are_how_a_search_goes_on(found, tmp_path, capsys):
+    folder = tmp_path / "found"
+    shutil.copytree(found, folder)
+    first = (folder / "policies" / "search_0_0_mean.json").read_bytes()
+    assert main(search(folder, "--generations", "2")) == 0
+    assert (folder / "policies" / "search_0_1_mean.json").is_file()
+    assert (folder / "policies" / "search_0_0_mean.json").read_bytes() == first
+    capsys.readouterr()
+    assert "has 2 generations already" in refused(capsys, search(folder))
+
+
+def test_a_folder_of_something_else_is_not_searched_in(found, tmp_path, capsys):
+    folder = runs.open_run(tmp_path, DEMO, "run").path
+    assert "not a search folder" in refused(capsys, search(folder))
+    shutil.copytree(found, tmp_path / "old")
+    (tmp_path / "old" / "config.json").unlink()
+    assert "unknown world" in refused(capsys, search(tmp_path / "old"))
+
+
+def test_the_digest_of_a_world_follows_its_file_and_its_grounding(tmp_path):
+    plain = world_digest(world_file(tmp_path / "a"))
+    assert plain == world_digest(world_file(tmp_path / "b"))
+    assert plain != world_digest(world_file(tmp_path / "c", ("backlash", 0.01)))
+    digests = set()
+    for alpha in (0.5, 0.9):
+        write_world(tmp_path / "world.json", nominal(), {}, ".")
+        params = Envelope(np.float32(alpha), np.zeros(len(JOINTS), np.float32))
+        write_grounding(tmp_path, Grounding("envelope", params, {}))
+        digests.add(world_digest(tmp_path / "world.json"))
+    assert len(digests) == 2
+
+
+# run --resume
+
+
+@pytest.fixture
+def started(tmp_path):
+    """Two runs that did nothing yet; the later one has another seed."""
+    settings = dataclasses.replace(loop.resolved(DEMO), backend="native")
+    first = runs.open_run(tmp_path, settings, "first").path
+    later = dataclasses.replace(settings, seed=7)
+    return first, runs.open_run(tmp_path, later, "later").path
+
+
+def test_resume_takes_the_latest_run_or_the_one_that_is_named(started, tmp_path):
+    first, later = started
+    given = ["run", "--resume", "--out", str(tmp_path)]
+    folder, settings = resumed(parse(given))
+    assert (folder, settings.seed) == (later, 7)
+    folder, settings = resumed(parse([*given, "--run", str(first)]))
+    assert (folder, settings.seed) == (first, 0)
+
+
+def test_run_without_resume_is_refused(started, tmp_path, capsys):
+    given = ["run", "--run", str(started[0]), "--out", str(tmp_path)]
+    assert "goes with --resume" in refused(capsys, given)
+
+
+@pytest.mark.parametrize(
+    ("flags", "says"),
+    [
+        (["--seed", "3"], "seed = 7, now it is 3"),
+        (["--generations=99"], "generations = 6, now it is 99"),
+        (["--robot_trajectories", "9"], "robot_trajectories = 30, now it is 9"),
+        (["--methods", "gat"], "started with methods"),
+        (["--preset", "paper"], "now it is"),
+    ],
+)
+def test_flags_that_a_resumed_run_does_not_have_are_refused(
+    started, tmp_path, capsys, flags, says
+):
+    line = refused(capsys, ["run", "--resume", "--out", str(tmp_path), *flags])
+    assert "later: started with" in line and says in line
+
+
+def test_flags_that_a_resumed_run_has_already_are_fine(started, tmp_path):
+    given = ["run", "--resume", "--out", str(tmp_path), "--seed", "7"]
+    assert resumed(parse([*given, "--population", "40"]))[0] == started[1]
+
+
+def test_a_folder_with_another_config_is_no_run(found, capsys):
+    line = refused(capsys, ["run", "--resume", "--run", str(found)])
+    assert "config.json is not that of a run" in line
+
+
+@pytest.mark.parametrize("finished", [True, False])
+def test_a_finished_run_says_so(started, tmp_path, capsys, monkeypatch, finished):
+    def work(folder, settings, robot, progress):
+        if not finished:
+            progress.stage("collect")
+
+    monkeypatch.setattr(loop, "run", work)
+    monkeypatch.setattr(verbs, "make_robot", lambda *_: None)
+    monkeypatch.setattr(verbs, "build_report", lambda folder: folder / "report.html")
+    assert main(["run", "--resume", "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    assert ("finished already; its report is written again" in printed) is finished
+    assert f"report {started[1] / 'report.html'}" in printed
+
+
+# Ctrl-C and errors that nobody foresaw
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        (["run", "--out", "there"], "`gatjax run --resume --out there` goes on"),
+        (["run", "--resume", "--run", "a/b"], "`gatjax run --resume --run a/b` goes"),
+        (["search", "--out", "there"], "the same command goes on"),
+        (["evaluate"], "nothing was kept"),
+    ],
+)
+def test_ctrl_c_says_how_this_verb_goes_on(given, says, capsys, monkeypatch):
+    def stop(verb):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(verbs, "act", stop)
+    assert main(given) == 130
+    assert f"gatjax: stopped; {says}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "error", [KeyError("where"), TypeError("a\nb"), zipfile.BadZipFile("bad")]
+)
+def test_an_unforeseen_error_is_one_line_too(error, capsys, monkeypatch):
+    def fail(verb):
+        raise error
+
+    monkeypatch.setattr(verbs, "act", fail)
+    line = refused(capsys, ["doctor"])
+    assert line.startswith(f"gatjax: internal error: {type(error).__name__}: ")
+    assert line.endswith("run again with --debug for the traceback")
+    assert main(["doctor", "--debug"]) == 1
+    assert "Traceback" in capsys.readouterr().err
+
+
+# ground, collect, evaluate, view
+
+
+def log(path, time):
+    wave = 0.1 * np.sin(time)
+    columns = {f"{k}.{j}": wave for k in ("command", "position") for j in JOINTS}
+    ids = np.zeros(len(time), int)
+    write_recording(path, Recording("x", time, ids, columns, {}))
+    return str(path)
+
+
+def ground(folder, *more):
+    return [
+        "ground", "--robot-log", str(folder / "robot.parquet"), "--simulator-log",
+        str(folder / "simulator.parquet"), "--out", str(folder / "out"), *more,
+    ]  # fmt: skip
+
+
+def test_a_log_at_another_rate_is_not_learned_from(tmp_path, capsys):
+    log(tmp_path / "robot.parquet", np.arange(300) * 0.01)
+    log(tmp_path / "simulator.parquet", np.arange(300) * 0.02)
+    line = refused(capsys, ground(tmp_path))
+    assert "robot.parquet: a row every 10 ms, the control period is 20 ms" in line
+    line = refused(capsys, ground(tmp_path, "--rate-hz", "100"))
+    assert "simulator.parquet: a row every 20 ms, the control period is 10 ms" in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_gaps_are_cut_and_counted(tmp_path, capsys):
+    time = np.arange(300) * 0.02
+    log(tmp_path / "robot.parquet", np.delete(time, [50, 120, 121]))
+    recording = verbs.read_recording(tmp_path / "robot.parquet")
+    cut = verbs.checked(recording, nominal())
+    assert np.bincount(cut.trajectory).tolist() == [50, 69, 178]
+    assert "robot.parquet: cut at 2 gaps in time" in capsys.readouterr().out
+
+
+def test_a_grounding_starts_from_a_world_without_one(tmp_path, capsys):
+    for name in ("robot", "simulator"):
+        log(tmp_path / f"{name}.parquet", np.arange(300) * 0.02)
+    path = tmp_path / "world.json"
+    write_world(path, nominal(), {}, "grounding")
+    line = refused(capsys, ground(tmp_path, "--world", str(path)))
+    assert "has a grounding already" in line
+    plain = world_file(tmp_path / "plain", ("command_delay", 0.02))
+    world = verbs.ungrounded(plain, nominal().task)
+    assert [row["cause"] for row in world.causes] == ["command_delay"]
+
+
+class Seen:
+    """A robot that keeps the seeds it was asked to walk with."""
+
+    name = "seen"
+
+    def walk(self, policies, drawn, task):
+        self.drawn = list(drawn)
+        raise ValueError("enough")
+
+
+def test_evaluation_repeats_no_walk_that_was_learned_from(
+    tmp_path, capsys, monkeypatch
+):
+    robot = Seen()
+    monkeypatch.setattr(verbs, "robot_of", lambda *_: robot)
+    given = ["collect", "--out", str(tmp_path / "a.parquet"), "--seed", "3"]
+    refused(capsys, given)
+    learned = robot.drawn
+    assert learned == list(seeds(ROBOT_LOG, 3, 15))
+    refused(capsys, ["evaluate", "--seed", "3"])
+    assert robot.drawn == list(seeds(EVALUATION, 3, 10))
+    assert not set(learned) & set(robot.drawn)
+
+
+def test_a_video_without_ffmpeg_is_one_line(tmp_path, monkeypatch):
+    def missing(name):
+        raise ImportError(name)
+
+    monkeypatch.setattr(importlib, "import_module", missing)
+    with pytest.raises(ImportError, match=r"pip install 'gatjax\[video\]'"):
+        film(tmp_path / "walk.mp4", nominal().model, np.zeros((3, 34)), 0.02)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_search_folder_holds_what_the_search_is(found):
+    config = json.loads((found / "config.json").read_text())
+    assert config["schema"] == resume.SEARCH
+    assert config["world"] is None
+    assert config["search"]["generations"] == 1
+    assert list(config["policy"].values()) == THETA0.tolist()
