@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gatjax import loop, runs
-from gatjax.cli import main, resume, verbs
+from gatjax.cli import logs, main, resume, verbs
 from gatjax.cli.arguments import parse
 from gatjax.cli.film import film
 from gatjax.cli.resume import resumed, world_digest
@@ -156,6 +156,10 @@ def test_flags_that_a_resumed_run_has_already_are_fine(started, tmp_path):
 
 def test_a_folder_with_another_config_is_no_run(found, capsys):
     line = refused(capsys, ["run", "--resume", "--run", str(found)])
+    assert "not a run folder, it has no environment.json" in line
+    runs.write_json(found / "environment.json", {})
+    line = refused(capsys, ["run", "--resume", "--run", str(found)])
+    (found / "environment.json").unlink()
     assert "config.json is not that of a run" in line
 
 
@@ -213,11 +217,13 @@ def test_an_unforeseen_error_is_one_line_too(error, capsys, monkeypatch):
 # ground, collect, evaluate, view
 
 
-def log(path, time):
-    wave = 0.1 * np.sin(time)
+def log(path, time, *, count=1, scale=1.0, metadata=None):
+    wave = np.tile(0.1 * np.sin(time), count)
     columns = {f"{k}.{j}": wave for k in ("command", "position") for j in JOINTS}
-    ids = np.zeros(len(time), int)
-    write_recording(path, Recording("x", time, ids, columns, {}))
+    columns["position.LKneePitch"] = columns["position.LKneePitch"] * scale
+    ids = np.repeat(np.arange(count), len(time))
+    times = np.tile(time, count)
+    write_recording(path, Recording("x", times, ids, columns, metadata or {}))
     return str(path)
 
 
@@ -229,8 +235,8 @@ def ground(folder, *more):
 
 
 def test_a_log_at_another_rate_is_not_learned_from(tmp_path, capsys):
-    log(tmp_path / "robot.parquet", np.arange(300) * 0.01)
-    log(tmp_path / "simulator.parquet", np.arange(300) * 0.02)
+    log(tmp_path / "robot.parquet", np.arange(100) * 0.01, count=4)
+    log(tmp_path / "simulator.parquet", np.arange(100) * 0.02, count=4)
     line = refused(capsys, ground(tmp_path))
     assert "robot.parquet: a row every 10 ms, the control period is 20 ms" in line
     line = refused(capsys, ground(tmp_path, "--rate-hz", "100"))
@@ -242,7 +248,7 @@ def test_gaps_are_cut_and_counted(tmp_path, capsys):
     time = np.arange(300) * 0.02
     log(tmp_path / "robot.parquet", np.delete(time, [50, 120, 121]))
     recording = verbs.read_recording(tmp_path / "robot.parquet")
-    cut = verbs.checked(recording, nominal())
+    cut = logs.checked(recording, nominal(), least=1)
     assert np.bincount(cut.trajectory).tolist() == [50, 69, 178]
     assert "robot.parquet: cut at 2 gaps in time" in capsys.readouterr().out
 
@@ -257,6 +263,81 @@ def test_a_grounding_starts_from_a_world_without_one(tmp_path, capsys):
     plain = world_file(tmp_path / "plain", ("command_delay", 0.02))
     world = verbs.ungrounded(plain, nominal().task)
     assert [row["cause"] for row in world.causes] == ["command_delay"]
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"count": 3}, "robot.parquet: 3 trajectories longer than 0.7 s, need 4"),
+        ({"scale": 60.0}, "column 'position.LKneePitch': "),
+        ({"metadata": {"robot": "simulator"}}, "one of 'simulator'; --simulator-log"),
+    ],
+)
+def test_logs_that_can_not_be_right_are_refused(tmp_path, capsys, change, says):
+    time, out = np.arange(50) * 0.02, tmp_path / "out"
+    log(tmp_path / "robot.parquet", time, **{"count": 4} | change)
+    named = {"robot": "dart"}
+    log(tmp_path / "simulator.parquet", time, count=4, metadata=named)
+    assert says in refused(capsys, ground(tmp_path))
+    assert not out.exists()
+
+
+def row(joint, before, after, horizon=0.5):
+    angles = np.deg2rad([before, after]).tolist()
+    names = ("joint", "horizon_s", "before_rad", "after_rad")
+    return dict(zip(names, (joint, horizon, *angles), strict=True))
+
+
+def test_suspicious_predictions_are_said():
+    fine = [row("LKneePitch", 30.0, 1.0, 0.02), row("LKneePitch", 3.0, 2.0)]
+    assert logs.warnings(fine) == []
+    (far,) = logs.warnings([*fine, row("LHipRoll", 25.0, 20.0)])
+    assert far.startswith("WARNING: LHipRoll is 25 deg off after 0.5 s")
+    (worse,) = logs.warnings([*fine, row("LHipRoll", 3.0, 5.0)])
+    assert "worse, 3.00 -> 3.50 deg" in worse
+    assert worse in logs.table([*fine, row("LHipRoll", 3.0, 5.0)])
+
+
+def test_numbers_and_paths_that_make_no_sense_are_one_line(tmp_path, capsys):
+    (tmp_path / "file").write_text("x")
+    file = str(tmp_path / "file")
+    for given, says in (
+        (["evaluate", "--runs", "0"], "--runs is 0; use 1 or more"),
+        (["evaluate", "--forward", "2"], "--forward is 2.0"),
+        (["collect", "--out", "a.csv", "--trajectories", "0"], "--trajectories is 0"),
+        (["collect", "--out", "a.csv", "--body-seed", "-1"], "--body-seed is -1"),
+        (["bench", "--worlds", "0"], "--worlds is 0"),
+        (["bench", "--seconds", "0"], "--seconds is 0"),
+        (["search", "--out", file], "is a file, --out needs a folder"),
+        (["view", "--out", "walk.gif"], "a walk ends in .html or .mp4"),
+        (["report", "--run", str(tmp_path)], "not a run folder"),
+        (["run", "--robot", "pepper", "--out", str(tmp_path / "runs")], "pepper"),
+        (["search", "--out", str(tmp_path / "new"), "--population", "1"], "use 4 or"),
+    ):
+        assert says in refused(capsys, given)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_live_view_needs_a_display(monkeypatch):
+    from gatjax.cli import window
+
+    monkeypatch.setattr("sys.platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(RuntimeError, match="no display for --live"):
+        window.play(nominal().model, np.zeros((1, 34)), 0.02)
+
+
+def test_a_folder_stands_for_its_world_file(tmp_path):
+    world = verbs.world_of(
+        world_file(tmp_path, ("backlash", 0.01)).parent, nominal().task
+    )
+    assert [cause["cause"] for cause in world.causes] == ["backlash"]
+
+
+def test_the_version_is_printed(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == "gatjax 0.1.0\n"
 
 
 class Seen:

@@ -416,6 +416,7 @@ def timed(time, trajectory=None):
         (0.01, "a row every 10 ms, the control period is 20 ms; choose the --rate-hz"),
         (0.0212, "a row every 21.2 ms"),
         (0.0188, "resample it to 50 Hz"),
+        (20.0, "a row every 20 s looks like milliseconds; use a map"),
     ],
 )
 def test_a_log_of_another_rate_is_refused_with_both_numbers(step, says):

@@ -90,7 +90,8 @@ def test_loop_example_runs(tmp_path, monkeypatch):
         backend="native",
     )
     names = {"MyNao": lambda: make_robot("stiff"), "TINY": tiny}
-    exec(replaced(blocks("python")[2], "resolved(DEMO)", "resolved(TINY)"), names)
+    demo = 'replace(DEMO, methods=("none", "gat"), evaluations=2)'
+    exec(replaced(blocks("python")[2], demo, "TINY"), names)
     assert "theta0" in (names["folder"] / "report.html").read_text(encoding="utf-8")
 
 

@@ -200,6 +200,7 @@ def test_a_second_iteration_starts_from_the_best_walk(robot, tmp_path):
         ({"methods": ("gatt",)}, "method 'gatt' is unknown; choose from"),
         ({"methods": ("gat", "gat")}, "name one twice"),
         ({"methods": ()}, "no methods given"),
+        ({"search": SearchSettings(generations=0)}, "generations is 0; use 1 or more"),
         ({"evaluations": 0}, "evaluations is 0; use 1 or more"),
         ({"robot_trajectories": 1}, "robot_trajectories is 1; use 4 or more"),
         ({"rate_hz": 60.0}, "rate 60.0 Hz is unknown; choose from"),

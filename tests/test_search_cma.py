@@ -355,7 +355,7 @@ def test_a_space_that_cannot_be_searched_is_refused(change, message):
 )
 def test_settings_that_cannot_run_are_refused(change):
     with pytest.raises(ValueError, match="search: "):
-        SearchSettings(**change)
+        start(box(2), SearchSettings(**change), jax.random.key(0))
 
 
 def test_a_state_of_other_settings_and_costs_of_another_shape_are_refused():

@@ -65,9 +65,9 @@ def _check_ranges(recording: Recording, world: World) -> None:
             if beyond.mean() > BEYOND_SHARE:
                 value = values[beyond][0]
                 raise ValueError(
-                    f"{recording.name}: column {column!r}: {beyond.mean():.0%} of the "
-                    f"rows are beyond the joint ({low:.2f} to {high:.2f} rad), for "
-                    f"example {value:.2f}; degrees, or a wrong sign or offset: see --map"
+                    f"{recording.name}: column {column!r}: {beyond.mean():.0%} of "
+                    f"the rows are beyond the joint ({low:.2f} to {high:.2f} rad), for "
+                    f"example {value:.2f}; degrees or a wrong sign or offset, see --map"
                 )
 
 

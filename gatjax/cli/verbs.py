@@ -23,6 +23,7 @@ from gatjax.grounding import learn as grounders
 from gatjax.loop.setting import EVALUATION, ROBOT_LOG, SIMULATOR_LOG, Progress, seeds
 from gatjax.report import build_report
 from gatjax.report.page import build_walk_page
+from gatjax.search import checked
 from gatjax.settings import LoopSettings, SearchSettings
 from gatjax.sim.backend import use_compile_cache
 from gatjax.sim.poses import states, write_walk
@@ -185,8 +186,12 @@ def search(verb: verbs.Search) -> None:
     """Search for a faster walk in one world."""
     use_compile_cache()
     check_least(0, seed=verb.seed)
-    settings = SearchSettings(
-        population=verb.population, rollouts=verb.rollouts, generations=verb.generations
+    settings = checked(
+        SearchSettings(
+            population=verb.population,
+            rollouts=verb.rollouts,
+            generations=verb.generations,
+        )
     )
     chosen = loop.resolved(
         LoopSettings(backend=verb.backend, impl=verb.impl, search=settings)

@@ -115,8 +115,8 @@ def at_rate(recording: Recording, period: float) -> tuple[Recording, int]:
     if abs(median / period - 1.0) > RATE_TOLERANCE:
         if abs(median / period / 1000.0 - 1.0) < RATE_TOLERANCE:
             raise ValueError(
-                f"{recording.name}: a row every {median:.4g} s looks like milliseconds; "
-                f"use a map with time: {{unit: ms}}"
+                f"{recording.name}: a row every {median:.4g} s looks like "
+                f"milliseconds; use a map with time: {{unit: ms}}"
             )
         raise ValueError(
             f"{recording.name}: a row every {1000.0 * median:.4g} ms, the control "

@@ -29,13 +29,15 @@ def learn_grounding(
 ) -> grounders.Grounding:
     """Learn a grounding from whole recordings, but for the held-out trajectories."""
     seen, _ = split_by_trajectory(robot.trajectory, HELD_OUT, seed)
-    return grounders.learn(
+    grounding = grounders.learn(
         method,
         [run for run in to_arrays(robot, WALKING_JOINTS) if run.trajectory in seen],
         to_arrays(simulator, WALKING_JOINTS),
         lambda: step_error(world, robot, simulator, seen, seed),
         seed,
     )
+    facts = {**grounding.facts, "rate_hz": world.rate_hz}
+    return grounding._replace(facts=facts)
 
 
 def step_error(

@@ -12,6 +12,7 @@ import numpy as np
 
 from gatjax.grounding.learn import check_method
 from gatjax.records import Array, Outcome, Trajectory
+from gatjax.search import checked
 from gatjax.settings import LoopSettings
 from gatjax.sim.backend import BACKENDS, default_backend
 from gatjax.sim.world import World
@@ -102,6 +103,7 @@ def resolved(settings: LoopSettings) -> LoopSettings:
         if getattr(settings, name) < 4:
             raise ValueError(f"{name} is {getattr(settings, name)}; use 4 or more")
     task_at(settings.rate_hz)
+    checked(settings.search)
     if settings.backend == "auto":
         settings = dataclasses.replace(settings, backend=default_backend())
     if settings.backend not in BACKENDS:

@@ -22,7 +22,8 @@ from gatjax.sim.world import Values, World, dropped_by_mjx, fields_applied
 
 Array = Any
 TRACE = 1e-9  # N m, least dry friction of a world with friction; see `_with_fields`
-CONTACTS, ROWS = 9, 96  # MJX-Warp buffers per world: 8 sole contacts, limits, equality
+CONTACTS, ROWS = 9, 96  # MJX-Warp buffers a world: 8 sole contacts, constraint rows
+WORLDS = 32_768  # most worlds of one MJX-Warp call; its contact buffer is one for all
 
 
 def check(world: World, impl: str) -> None:
@@ -53,7 +54,7 @@ def bare_data(world: World, impl: str) -> tuple[Any, Any]:
         model.dof_frictionloss[dofs] = np.maximum(model.dof_frictionloss[dofs], TRACE)
     if impl == "warp":
         return mjx.put_model(model, impl=impl), mjx.make_data(
-            model, impl=impl, nconmax=CONTACTS, njmax=ROWS
+            model, impl=impl, naconmax=CONTACTS * WORLDS, njmax=ROWS
         )
     return mjx.put_model(model, impl=impl), mjx.make_data(model, impl=impl)
 

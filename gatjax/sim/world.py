@@ -170,7 +170,7 @@ def write_world(path: Path, world: World, made_by: dict, grounding: str | None) 
 
 
 def read_world(path: Path, task: Task = Task()) -> tuple[World, Path | None]:
-    """Load a world file, or the one of a folder; also return its grounding folder, if it has one.
+    """Load world.json (a folder means the one in it) and name its grounding folder.
 
     Raises:
         FileNotFoundError: the file or its model does not exist.
