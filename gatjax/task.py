@@ -9,6 +9,7 @@ hardware.
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -45,8 +46,11 @@ class Task(NamedTuple):
     @property
     def ticks(self) -> int:
         """Control ticks that hold the longest run."""
-        parts = (self.settle, self.longest_delay, self.duration)
-        return sum(round(part / self.control_period) for part in parts) + 1
+        latest = sum(
+            round(part / self.control_period)
+            for part in (self.settle, self.longest_delay)
+        )
+        return latest + math.ceil(self.duration / self.control_period - 1e-9) + 1
 
 
 def task_at(rate_hz: float, **changes: Any) -> Task:
