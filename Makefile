@@ -37,7 +37,7 @@ bench: .venv/installed-dev
 
 picture:
 	chromium --headless --no-sandbox --disable-gpu --hide-scrollbars \
-	--virtual-time-budget=4000 --window-size=1280,1440 --screenshot=docs/report.png \
+	--virtual-time-budget=4000 --window-size=1200,1560 --screenshot=docs/report.png \
 	"file://$(CURDIR)/$$(ls -d runs/*/ | tail -1)report.html"
 
 clean:

@@ -185,7 +185,7 @@ def test_damaged_files_are_named(tmp_path):
     assert "evaluations.csv line 37 left out" in text
     assert "config.json cannot be read" in text
     assert "walks/gat_best_robot.npz cannot be shown" in text
-    assert "grounding (GAT) beat no grounding" in text
+    assert "Grounding (GAT) beat no grounding" in text
 
 
 def test_a_folder_that_is_not_there_is_refused(tmp_path):

@@ -92,9 +92,13 @@ def head(run: Run, summary: Summary, verdict: Verdict, robot: str) -> str:
     """Run name, the verdict and the key numbers."""
     kind = verdict.kind.replace(" ", "-")
     name = escape(run.folder.resolve().name)
+    first, found, rest = verdict.sentence.partition("; ")
+    second = (
+        f'<p class="also">{escape(rest[:1].upper() + rest[1:])}</p>' if found else ""
+    )
     return (
         f'<header><p class="name">gatjax report of {name}, robot: {robot}</p>'
-        f"<h1>{escape(verdict.sentence)}</h1>"
+        f"<h1>{escape(first)}</h1>{second}"
         f'<p><span class="badge {kind}">{BADGES[verdict.kind]}</span></p>'
         f"{sections.cards(summary)}</header>"
     )
