@@ -12,6 +12,8 @@ import pytest
 from gatjax import runs
 from gatjax.cli import main
 from gatjax.cli.arguments import VERBS, parse
+from gatjax.cli.interrupts import heeded
+from gatjax.cli.progress import shown
 from gatjax.data.recording import Recording, write_recording
 from gatjax.robot.nao import WALKING_JOINTS
 from gatjax.settings import DEMO, PAPER
@@ -162,6 +164,19 @@ def test_a_truncated_checkpoint(tmp_path, capsys):
     assert "checkpoints" in line
 
 
+def test_a_ctrl_c_that_gets_lost_stops_the_next_piece_of_work():
+    with heeded(), shown(1.0) as progress:
+        progress.stage("work")
+        try:  # what a destructor or a C callback does with an exception
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            pass
+        with pytest.raises(KeyboardInterrupt):
+            progress.work(1.0)
+    with shown(1.0) as progress:
+        progress.stage("nothing was pressed since")
+
+
 def test_ctrl_c_in_a_generation_loses_nothing(tmp_path):
     arguments = [
         "search", "--out", str(tmp_path), "--population", "16", "--rollouts", "4",
@@ -175,7 +190,10 @@ def test_ctrl_c_in_a_generation_loses_nothing(tmp_path):
         assert process.poll() is None
         time.sleep(0.05)
     process.send_signal(signal.SIGINT)
-    _, error = process.communicate(timeout=120)
+    try:
+        _, error = process.communicate(timeout=120)
+    finally:
+        process.kill()
     assert process.returncode == 130
     assert "Traceback" not in error
     kept = {path.name: path.read_bytes() for path in policies.iterdir()}

@@ -9,6 +9,7 @@ from typing import Any
 
 from gatjax import __version__
 from gatjax.cli.arguments import Run, Search, parse
+from gatjax.cli.interrupts import heeded
 
 STOPPED, FAILED = 130, 1  # exit codes: Ctrl-C, an error
 EXPECTED = (ValueError, OSError, RuntimeError, ImportError)  # their text is for users
@@ -32,7 +33,8 @@ def main(arguments: list[str] | None = None) -> int:
         chosen = parse(given)
         from gatjax.cli.verbs import act  # jax and mujoco load here, after --help
 
-        act(chosen)
+        with heeded():
+            act(chosen)
     except KeyboardInterrupt:
         print(f"gatjax: stopped; {_kept(chosen)}", file=sys.stderr)
         return STOPPED

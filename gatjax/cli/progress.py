@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.progress import (
@@ -16,6 +16,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from gatjax.cli.interrupts import check
 from gatjax.loop.setting import Progress as Teller
 
 
@@ -29,13 +30,27 @@ def shown(total: float) -> Iterator[Teller]:
         )  # fmt: skip
         with Progress(*columns) as bar:
             task = bar.add_task("", total=total)
-            yield Teller(
+            yield _heeding(
                 stage=lambda text: bar.update(task, description=text),
                 work=lambda units: bar.advance(task, units),
             )
         return
     with _plain(total) as teller:
         yield teller
+
+
+def _heeding(stage: Callable[[str], None], work: Callable[[float], None]) -> Teller:
+    """Stop at the next stage or piece of work if a Ctrl-C got lost."""
+
+    def checked_stage(text: str) -> None:
+        check()
+        stage(text)
+
+    def checked_work(units: float) -> None:
+        check()
+        work(units)
+
+    return Teller(checked_stage, checked_work)
 
 
 @contextmanager
@@ -52,4 +67,4 @@ def _plain(total: float) -> Iterator[Teller]:
         nonlocal done
         done = min(total, done + units)
 
-    yield Teller(stage, work)
+    yield _heeding(stage, work)
