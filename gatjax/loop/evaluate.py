@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import jax
 import numpy as np
 
 from gatjax import runs
-from gatjax.loop.optimise import Candidate
+from gatjax.loop.optimise import Candidate, measured
 from gatjax.loop.setting import (
     CONFIRMATION,
     CONFIRMATIONS,
@@ -22,23 +21,11 @@ from gatjax.records import Array
 from gatjax.sim.poses import write_walk
 
 
-def _robot_rows(setting: Setting) -> dict[tuple, dict[str, Any]]:
-    """Rows of metrics.csv by key, for candidates that the robot has walked."""
-    path = setting.folder / "metrics.csv"
-    rows = runs.read_table(path) if path.exists() else []
-    names = ("method", "iteration", "generation", "candidate")
-    return {
-        tuple(row[name] for name in names): row
-        for row in rows
-        if row["robot_rollouts"] is not None
-    }
-
-
 def walk(
     setting: Setting, candidates: list[Candidate], with_seeds: Sequence[int]
 ) -> None:
     """Walk candidates on the robot, each with the same seeds; once."""
-    count, known = len(with_seeds), _robot_rows(setting)
+    count, known = len(with_seeds), measured(setting.folder, "robot_rollouts")
     todo = [c for c in candidates if tuple(c.key.values()) not in known]
     if todo:
         setting.progress.stage(f"{todo[0].method}: walk on the robot")
@@ -87,7 +74,7 @@ def winner(setting: Setting, candidates: list[Candidate]) -> Candidate | None:
     As in the paper, the first generation does not count where there are later ones: its
     policies are drawn at random, nothing was learned yet.
     """
-    rows = _robot_rows(setting)
+    rows = measured(setting.folder, "robot_rollouts")
     last = max(candidate.generation for candidate in candidates)
     speeds = {
         index: rows[tuple(candidate.key.values())]["robot_velocity_m_s"]

@@ -128,15 +128,21 @@ def read_candidates(job: Job, generations: int) -> list[Candidate]:
     return candidates
 
 
+def measured(folder: Path, column: str) -> dict[tuple, dict[str, Any]]:
+    """Rows of metrics.csv by key, where a column is filled in."""
+    path = folder / "metrics.csv"
+    names = ("method", "iteration", "generation", "candidate")
+    return {
+        tuple(row[name] for name in names): row
+        for row in (runs.read_table(path) if path.exists() else [])
+        if row[column] is not None
+    }
+
+
 def verify(job: Job, candidates: list[Candidate], rollouts: int) -> None:
     """Measure every candidate in the world it was found in, with fresh keys; once."""
     path = job.folder / "metrics.csv"
-    names = ("method", "iteration", "generation", "candidate")
-    known = {
-        tuple(row[name] for name in names)
-        for row in runs.read_table(path)
-        if row["simulator_falls"] is not None
-    }
+    known = measured(job.folder, "simulator_falls")
     candidates = [c for c in candidates if tuple(c.key.values()) not in known]
     if not candidates:
         return
