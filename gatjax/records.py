@@ -52,6 +52,16 @@ class Trajectory(NamedTuple):
     alive: Array  # [..., T] bool, False from the fall on
 
 
+class Played(NamedTuple):
+    """Open-loop replays; row t is what is measured when command t comes into force."""
+
+    reading: Reading  # [N, T, ...]
+    velocity: Array  # [N, T, J] rad/s, of the joints
+    torque: Array  # [N, T, J] N m, of the servos in the physics step before the row
+    base: Base  # [N, T, ...] where the ground is level; zeros where nothing floats
+    up: Array  # [N, T, 3] unit vector against gravity in the axes of the IMU
+
+
 class Outcome(NamedTuple):
     """The verdict on one run."""
 
@@ -68,6 +78,30 @@ class Signal(NamedTuple):
     angle: Array  # [..., J] rad, joint position now
     velocity: Array  # [..., J] rad/s, joint velocity now
     noise: Array  # [..., J] unit normal draws of this tick
+
+
+class Servo(NamedTuple):
+    """What a position servo and its joint are made of."""
+
+    gain: Array  # [..., J] N m/rad, torque per position error
+    damping: Array  # [..., J] N m s/rad, torque of the servo against the speed
+    low: Array  # [..., J] N m, least torque of the servo
+    high: Array  # [..., J] N m, largest torque of the servo
+    friction: Array  # [..., J] N m, dry friction of the joint
+    viscous: Array  # [..., J] N m s/rad, damping of the joint
+    rotor: Array  # [..., J] kg m^2, inertia of the motor seen at the joint
+    link: Array  # [..., J] kg m^2, inertia that the joint feels beyond the gear
+
+
+class Drive(NamedTuple):
+    """What joint effects transform: `servo`, `load`, and nothing else."""
+
+    target: Array  # [..., J] rad, what the servo was told
+    angle: Array  # [..., J] rad, joint position now
+    velocity: Array  # [..., J] rad/s, joint velocity now
+    servo: Servo  # as it is now
+    load: Array  # [..., J] N m, torque on the joint beside the servo's
+    torque: Array  # [..., J] N m, what the servo gave in the last step
 
 
 class Sensed(NamedTuple):

@@ -4,9 +4,12 @@ Both do the same arithmetic in another order, so they differ by rounding, and co
 multiply that from step to step. Runs are short for this reason: 1.2 s after the request
 they differ by 3e-8 m/s at most, and in a joint by 3e-6 rad (a hand at its stop).
 
-The solver gets more iterations than nao.xml's four. Four suffice for contacts, but with
-Coulomb friction it sometimes needs five, and where it is cut off C and MJX are not at
-the same point (1e-5 rad in a tick).
+The solver stops where C and MJX agree to 1e-11: friction that holds takes up to 23
+iterations, and where it is cut off they are not at the same point (7e-3 in cost).
+
+Teeth that strike multiply rounding: in the mix `motor`, policies times 1 + 1e-11 end
+1e-7 apart in cost and 4e-3 rad in a joint, in all other mixes 1e-12 and 6e-11 rad.
+There the backends are compared over the first 0.6 s, and to 2e-4 in cost.
 
 Compiling for mjx takes 40 s. This file compiles three programs, and tests whatever it
 can by other values in the first of them.
@@ -53,7 +56,7 @@ def counted():
 def build(strong, scale=1.0):
     """A world with every cause, of which those in `strong` do something."""
     world = add_command(nominal(TASK), "counted", counted(), 0.0)
-    world.model.opt.iterations, world.model.opt.ls_iterations = 30, 30
+    world.model.opt.tolerance = 1e-14  # friction that holds is a stiff constraint
     for name, value in CAUSES.items():
         value = scale * value if name in strong else CATALOGUE[name].neutral
         world = add_cause(world, name, ["all"], value)
@@ -96,10 +99,12 @@ def test_both_backends_agree_on_cost_and_falls(mix, native, mjx, policies, keys)
     theirs, second = mjx.rollout(values, policies, keys)
     assert first.ok.all() and np.asarray(second.ok).all()
     np.testing.assert_array_equal(np.isinf(second.fell_at), np.isinf(first.fell_at))
-    np.testing.assert_allclose(second.cost, first.cost, rtol=0, atol=1e-5)
+    strikes = mix == "motor"
+    far = 2e-4 if strikes else 1e-5
+    np.testing.assert_allclose(second.cost, first.cost, rtol=0, atol=far)
     assert (first.velocity > 0.05).all()  # they walk
-    alive = ours.alive
-    np.testing.assert_array_equal(np.asarray(theirs.alive), alive)
+    np.testing.assert_array_equal(np.asarray(theirs.alive), ours.alive)
+    alive = ours.alive & (ours.time < (0.6 if strikes else np.inf))
     left, right = ours.reading.angle[alive], np.asarray(theirs.reading.angle)[alive]
     np.testing.assert_allclose(right, left, rtol=0, atol=3e-5)
 
@@ -159,8 +164,11 @@ def window(native, values, policies, keys):
 
 @pytest.fixture(scope="module")
 def recorded(native, policies, keys):
-    """Runs without noise on the command: replay leaves noise out."""
-    names = [name for name in CAUSES if name != "command_noise"]
+    """Runs without noise on the command: replay leaves noise out.
+
+    And without a gear, whose motor does not rest in the tick of warm-up.
+    """
+    names = [name for name in CAUSES if name not in ("command_noise", "backlash")]
     values = build(names).values
     return values, *window(native, values, policies, keys)
 

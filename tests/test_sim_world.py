@@ -34,8 +34,27 @@ CAUSES = {  # a value of every cause that a walking robot can bear
     "command_delay": 0.02, "first_order_lag": 0.02, "speed_limit": 5.0,
     "torque_limit": 6.0, "coulomb_friction": 0.1, "viscous_friction": 0.3,
     "gain_error": 0.8, "backlash": 0.02, "dead_band": 0.005, "command_noise": 0.01,
+    "measurement_delay": 0.02, "dropped_commands": 0.2, "damping_error": 2.0,
+    "stiction": 0.1, "load_friction": 0.1, "command_quantization": 0.02,
+    "joint_elasticity": 300.0, "torque_ripple": 0.1, "asymmetric_friction": 0.1,
+    "encoder_offset": 0.01, "encoder_scale": 0.98, "payload": 0.05, "com_shift": 0.003,
+    "armature": 0.002, "gravity_tilt": 0.02, "thermal_derating": 0.5, "supply_sag": 0.3,
+    "clock_drift": 0.001, "imu_misalignment": 0.02, "ground_friction": 0.5,
+    "ground_compliance": 0.03, "sole_geometry": 0.001,
 }  # fmt: skip
 LEGS = ["LKneePitch", "RKneePitch", "LAnkleRoll", "RAnkleRoll"]
+CLOSED = [  # each compiles a control loop of its own
+    "command_delay", "first_order_lag", "speed_limit", "torque_limit",
+    "coulomb_friction", "viscous_friction", "gain_error", "backlash", "dead_band",
+    "command_noise",
+]  # fmt: skip
+
+
+def where(name, joints=("all",)):
+    """A place where a cause may act."""
+    place = CATALOGUE[name].place
+    places = {"joint": list(joints), "foot": ["LFoot"]}
+    return places.get(place, [place])
 
 
 def batch(count, seed=0):
@@ -73,12 +92,12 @@ def test_adding_a_cause_leaves_the_world_it_came_from_alone():
     kept = {name: getattr(plain.model, name).copy() for name in ("dof_damping",)}
     world = plain
     for name, value in CAUSES.items():
-        world = add_cause(world, name, LEGS, value)
+        world = add_cause(world, name, where(name, LEGS), value)
     assert not plain.causes and not plain.values.motor and not plain.values.body
     assert len(world.causes) == len(CAUSES)
     np.testing.assert_array_equal(plain.model.dof_damping, kept["dof_damping"])
     np.testing.assert_array_equal(world.model.dof_damping, kept["dof_damping"])
-    assert (fields_applied(world).dof_damping > kept["dof_damping"]).sum() == 4
+    assert (fields_applied(world).dof_damping != kept["dof_damping"]).sum() == 4
 
 
 def test_the_same_cause_may_act_twice():
@@ -88,7 +107,7 @@ def test_the_same_cause_may_act_twice():
     assert list(world.motor) == list(world.values.motor)
 
 
-@pytest.mark.parametrize("name", sorted(CAUSES))
+@pytest.mark.parametrize("name", CLOSED)
 def test_a_neutral_cause_changes_no_run_and_a_real_one_does(name):
     """1e-3 m/s and not equality: rounding grows in contacts."""
     policies, keys = batch(2)
@@ -98,8 +117,8 @@ def test_a_neutral_cause_changes_no_run_and_a_real_one_does(name):
     walk, _ = prepare(plain).rollout(plain.values, policies, keys)
     run = prepare(neutral)
     none, _ = run.rollout(neutral.values, policies, keys)
-    if CATALOGUE[name].slot == "body":
-        run = prepare(strong)
+    if not strong.motor and not strong.command:
+        run = prepare(strong)  # the engine's model is another one
     some, _ = run.rollout(strong.values, policies, keys)
     first = np.s_[:, :6]  # before contacts blow rounding up
     gap = np.abs(none.reading.angle - walk.reading.angle)
@@ -114,7 +133,8 @@ def test_a_neutral_cause_changes_no_run_and_a_real_one_does(name):
 def test_a_world_read_from_its_file_runs_identically(tmp_path):
     world = nominal(SHORT)
     for index, (name, value) in enumerate(CAUSES.items()):
-        world = add_cause(world, name, LEGS if index % 2 else ["all"], value)
+        joints = LEGS if index % 2 else ["all"]
+        world = add_cause(world, name, where(name, joints), value)
     write_world(tmp_path / "world.json", world, {"tool": "test"}, None)
     again, grounding = read_world(tmp_path / "world.json", SHORT)
     assert grounding is None
@@ -171,6 +191,14 @@ def test_a_world_may_bring_its_own_model(tmp_path):
     ({"effects": [{"cause": "backlash", "values": {"width": 0.1}}]}, "where is None"),
     ({"effects": [{"cause": "backlash", "where": "all", "values": {"width": 0.1}}]},
      "where is 'all'; it must be a list"),
+    ({"effects": [{"cause": "backlash", "where": ["all"], "values": {"width": 0.1},
+                   "role": "hero"}]}, "effect 1, role 'hero' is unknown"),
+    ({"effects": [{"cause": "backlash", "where": ["all"], "values": {"width": 0.1},
+                   "rôle": "cause"}]}, "'rôle' means nothing here"),
+    ({"effects": [{"cause": "encoder_offset", "where": ["all"],
+                   "values": {"offset": 0.1, "in_loop": 0.5}}]}, "in_loop is 0.5; it"),
+    ({"effects": [{"cause": "gravity_tilt", "where": ["LKneePitch"],
+                   "values": {"angle": 0.1}}]}, r"it must be \['all'\]"),
     ({"effects": [{"cause": "backlash", "where": [1], "values": {"width": 0.1}}]},
      r"where is \[1\]"),
     ({"effects": [{"cause": "backlash", "where": ["all"]}]}, "values is None"),
@@ -272,7 +300,7 @@ def test_mjx_names_what_it_would_drop(motor, word):
 def test_mjx_drops_nothing_of_the_nao():
     world = nominal()
     for name, value in CAUSES.items():
-        world = add_cause(world, name, ["all"], value)
+        world = add_cause(world, name, where(name), value)
     assert dropped_by_mjx(fields_applied(world)) == []
 
 

@@ -8,7 +8,7 @@ import traceback
 from typing import Any
 
 from gatjax import __version__
-from gatjax.cli.arguments import Run, Search, parse
+from gatjax.cli.arguments import BenchDiagnose, Run, Search, parse
 from gatjax.cli.interrupts import heeded
 
 STOPPED, FAILED = 130, 1  # exit codes: Ctrl-C, an error
@@ -62,6 +62,6 @@ def _kept(chosen: Any) -> str:
     if isinstance(chosen, Run):
         folder = f"--out {chosen.out}" if chosen.run is None else f"--run {chosen.run}"
         return f"`gatjax run --resume {folder}` goes on"
-    if isinstance(chosen, Search):
+    if isinstance(chosen, Search | BenchDiagnose):
         return "the same command goes on"
     return "nothing was kept"

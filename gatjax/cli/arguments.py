@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
+from gatjax.motions import MENU
 from gatjax.settings import DEMO, PRESETS, LoopSettings, SearchSettings
 
 ABOUT = (
@@ -35,20 +36,72 @@ class Run:
     """Settings named on the command line; a resumed run must have them already."""
 
 
+MOTIONS = "\n".join(
+    [
+        "Play a motion instead of walking, for a diagnosis. The menu:",
+        *(f"{each.name}: {each.title} ({each.seconds:g} s)" for each in MENU.values()),
+        "Each starts and ends at rest at home and stays within limits and top speeds. "
+        "A standing robot may still fall: leave --reach to its default at first. On a "
+        "real robot, look for links that could hit each other: that is not checked.",
+    ]
+)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Collect:
-    """Record walks of a robot into one Parquet file."""
+    """Record walks of a robot, or a motion with --motion, into one Parquet file.
+
+    Walks: gatjax collect --out walks.parquet. A motion that tells causes apart: gatjax
+    collect --motion rich --joints LKneePitch,RKneePitch --out knees.parquet
+    """
 
     out: Path
     """Parquet or CSV file to write."""
     robot: Literal["simulator", "dart", "stiff"] = "dart"
+    """dart and stiff: stand-in NAOs on their feet; simulator: the robot of --world."""
+    motion: Annotated[str | None, tyro.conf.arg(help=MOTIONS)] = None
+    joints: tuple[str, ...] = ()
+    """With --motion: joints to move, with commas or spaces between; all if left out."""
+    reach: float | None = None
+    """With --motion: share of the way to the limits, up to 1; safe if left out."""
+    seconds: float | None = None
+    """With --motion: length of a run with its rests; the motion's own if left out."""
+    trajectories: Annotated[int | None, tyro.conf.arg(aliases=("--runs",))] = None
+    """Runs, each with random numbers of its own; by default 15 walks or 3 motions."""
     policy: Path | None = None
-    """Policy JSON; the hand-tuned walk (theta0) if left out."""
-    trajectories: int = 15
+    """Policy JSON of the walk; the hand-tuned one (theta0) if left out."""
     world: Path | None = None
     """world.json, for --robot simulator."""
     body_seed: int = 0
+    """Which robot of the series, for dart and stiff."""
     rate_hz: float = 50.0
+    """Rows per second: 50, 100 or 83.3."""
+    seed: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Diagnose:
+    """Say what a simulation gets wrong: cause, joint, size, and how sure.
+
+    gatjax diagnose --model arm.xml --data fit_1.parquet fit_2.parquet --held-out
+    walk.parquet --out found
+
+    takes a robot file whose joints are driven by position servos, and logs of commands
+    and positions (docs/files.md). It prints the verdict and writes found/report.html,
+    diagnosis.json, world.json (a better simulation for every verb) and extended.xml.
+    Good logs are lively: gatjax collect --motion rich records one.
+    """
+
+    model: Path
+    """Robot file (MJCF) to diagnose, its base fixed."""
+    data: tuple[Path, ...]
+    """Recordings to explain, .parquet or .csv; several after one --data."""
+    held_out: tuple[Path, ...] = ()
+    """Recordings of another motion, to measure the gain on; without any, none is."""
+    out: Path
+    """Folder to write; a diagnosis in it is replaced."""
+    map: Path | None = None
+    """YAML map of the logs' column names, units and signs."""
     seed: int = 0
 
 
@@ -135,7 +188,10 @@ class Report:
 
 @dataclass(frozen=True, kw_only=True)
 class Bench:
-    """Measure steps/s of each backend beside a bare loop of the same engine."""
+    """Measure steps/s of each backend beside a bare loop of the same engine.
+
+    gatjax bench diagnose --help: measure the diagnosis on cases with known answers.
+    """
 
     worlds: int = 256
     seconds: float = 2.0
@@ -146,6 +202,37 @@ class Bench:
 
 
 @dataclass(frozen=True, kw_only=True)
+class BenchDiagnose:
+    """Diagnose robots with hidden effects, and score the answers.
+
+    gatjax bench diagnose --cases 40 --seed 7 --out blind
+
+    makes 40 cases, runs gatjax diagnose on each as from outside, and prints how often
+    cause and joint are right, with 95 % intervals. Ctrl-C keeps what is done; the same
+    command goes on. blind/ gets scores.md, scores.json, confusion.png, detection.png.
+    """
+
+    out: Path
+    """Folder for cases, diagnoses and scores."""
+    cases: int | None = None
+    """How many cases to make, 20 if left out; of a --folder the first so many."""
+    folder: Path | None = None
+    """Take the cases of a folder with answers.json instead of making some."""
+    seed: int = 0
+    """Of the cases to make, and of each diagnosis."""
+    robots: tuple[str, ...] = ()
+    """Robots that take turns; all with a fixed base if left out."""
+    kinds: tuple[Literal["single", "null", "pair", "outside"], ...] = ()
+    """Kinds of cases; all if left out."""
+    causes: tuple[str, ...] = ()
+    """Causes of the singles and pairs to make; the whole catalogue if left out."""
+    jobs: int = 2
+    """Diagnoses at a time."""
+    baselines: bool = False
+    """Also score simpler methods: the best single number, BIC, fitting everything."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Doctor:
     """Check this installation: versions, devices, engines, and a short walk."""
 
@@ -153,6 +240,7 @@ class Doctor:
 VERBS: dict[str, type] = {
     "run": Run,
     "collect": Collect,
+    "diagnose": Diagnose,
     "ground": Ground,
     "search": Search,
     "evaluate": Evaluate,
@@ -180,8 +268,23 @@ def _typed(arguments: list[str]) -> tuple[str, ...]:
     return tuple(name for name in ("preset", *names) if f"__{name}" in flags)
 
 
+def _check_lists(arguments: list[str]) -> None:
+    """Refuse a flag for files that comes twice: only its last files would count."""
+    for flag in ("--data", "--held-out"):
+        if sum(word.partition("=")[0] == flag for word in arguments) > 1:
+            raise ValueError(f"{flag} comes twice; give all its files after one {flag}")
+
+
 def parse(arguments: list[str]) -> Any:
-    """Read the command line into the verb's dataclass."""
+    """Read the command line into the verb's dataclass.
+
+    Raises:
+        ValueError: a flag that takes several files is given twice.
+    """
+    if arguments[:2] == ["bench", "diagnose"]:
+        prog = "gatjax bench diagnose"
+        return tyro.cli(BenchDiagnose, args=arguments[2:], prog=prog)
+    _check_lists(arguments)
     preset = _preset(arguments)
     run = Run(loop=PRESETS.get(preset, DEMO), typed=_typed(arguments))
     verbs: Any = None

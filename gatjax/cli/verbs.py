@@ -11,15 +11,16 @@ import jax
 import numpy as np
 
 import gatjax
-from gatjax import loop, runs
+from gatjax import loop, motions, runs
 from gatjax.cli import arguments as verbs
 from gatjax.cli import logs
 from gatjax.cli.progress import shown
 from gatjax.cli.resume import open_search, resumed
 from gatjax.data.mapping import read_map
-from gatjax.data.recording import read_recording, write_recording
+from gatjax.data.recording import Recording, read_recording, write_recording
 from gatjax.data.trajectories import to_recording
 from gatjax.grounding import learn as grounders
+from gatjax.loop.play import Play, Player, record_motion
 from gatjax.loop.setting import EVALUATION, ROBOT_LOG, SIMULATOR_LOG, Progress, seeds
 from gatjax.report import build_report
 from gatjax.report.page import build_walk_page
@@ -107,22 +108,67 @@ def run(verb: verbs.Run) -> None:
 
 @act.register
 def collect(verb: verbs.Collect) -> None:
-    """Record walks of a robot."""
-    check_least(1, trajectories=verb.trajectories)
+    """Record walks or a motion of a robot."""
+    walks = verb.motion is None
+    runs_asked = (
+        (15 if walks else 3) if verb.trajectories is None else verb.trajectories
+    )
+    check_least(1, trajectories=runs_asked)
     check_least(0, seed=verb.seed, body_seed=verb.body_seed)
-    task = task_at(verb.rate_hz)
-    robot = robot_of(verb.robot, verb.body_seed, verb.world, task)
-    policies = np.tile(policy_of(verb.policy), (verb.trajectories, 1))
+    given = {"joints": verb.joints or None, "reach": verb.reach}
+    given = given | {"seconds": verb.seconds} if walks else {"policy": verb.policy}
+    extra = next((name for name, value in given.items() if value is not None), None)
+    if extra is not None:
+        kind = "goes with --motion" if walks else "is for walks, not for --motion"
+        raise ValueError(f"--{extra} {kind}; leave it out")
+    asked = None if verb.motion is None else motions.motion(verb.motion)
+    robot = robot_of(verb.robot, verb.body_seed, verb.world, task_at(verb.rate_hz))
     purpose = SIMULATOR_LOG if verb.robot == "simulator" else ROBOT_LOG
-    drawn = seeds(purpose, verb.seed, verb.trajectories)
-    with shown(1.0) as progress:
-        progress.stage(f"{verb.trajectories} walks of {robot.name}")
-        trajectory, outcome = robot.walk(policies, drawn, task)
-        progress.work(1.0)
-    recording = to_recording(trajectory, robot.name, verb.rate_hz, {"seed": verb.seed})
+    drawn = seeds(purpose, verb.seed, runs_asked)
+    if asked is None:
+        recording, told = walked(verb, robot, drawn)
+    else:
+        recording, told = played(verb, robot, asked, drawn)
     make_folder(verb.out.parent)
     write_recording(verb.out, recording)
-    print(f"{verb.out}: {len(policies)} trajectories, {summary(outcome)}")
+    print(f"{verb.out}: {told}")
+
+
+def walked(verb: verbs.Collect, robot: Any, drawn: range) -> tuple[Recording, str]:
+    """Record walks; return what to say about them."""
+    policies = np.tile(policy_of(verb.policy), (len(drawn), 1))
+    with shown(1.0) as progress:
+        progress.stage(f"{len(drawn)} walks of {robot.name}")
+        trajectory, outcome = robot.walk(policies, drawn, task_at(verb.rate_hz))
+        progress.work(1.0)
+    recording = to_recording(trajectory, robot.name, verb.rate_hz, {"seed": verb.seed})
+    return recording, f"{len(drawn)} trajectories, {summary(outcome)}"
+
+
+def played(
+    verb: verbs.Collect, robot: Player, motion: motions.Motion, drawn: range
+) -> tuple[Recording, str]:
+    """Record a motion; return what to say about it."""
+    limbs = robot.limbs()
+    names = tuple(name for word in verb.joints for name in word.split(",") if name)
+    moving = motions.chosen(limbs, names)
+    play = Play(
+        motion=motion,
+        joints=moving,
+        rate_hz=verb.rate_hz,
+        seeds=drawn,
+        reach=motion.reach(limbs, moving) if verb.reach is None else verb.reach,
+        seconds=motion.seconds if verb.seconds is None else verb.seconds,
+    )
+    with shown(1.0) as progress:
+        progress.stage(f"{len(drawn)} times {motion.name} on {robot.name}")
+        recording, falls = record_motion(robot, play)
+        progress.work(1.0)
+    advice = "; try a smaller --reach" if falls else ""
+    return recording, (
+        f"{len(drawn)} runs of {motion.name} with reach {play.reach:g}, {falls} falls"
+        f"{advice}\n{motion.use}"
+    )
 
 
 def summary(outcome: Any) -> str:
@@ -287,6 +333,29 @@ def bench(verb: verbs.Bench) -> None:
     print(table(rows))
     if verb.json is not None:
         runs.write_json(verb.json, {"schema": "gatjax.bench/1", "rows": rows})
+
+
+@act.register
+def diagnose(verb: verbs.Diagnose) -> None:
+    """Say what a simulation gets wrong."""
+    from gatjax.cli.diagnosis import explain, read_logs
+
+    check_least(0, seed=verb.seed)
+    use_compile_cache()
+    logs_of_robot = read_logs(verb)
+    make_folder(verb.out)
+    explain(verb, logs_of_robot)
+
+
+@act.register
+def bench_diagnose(verb: verbs.BenchDiagnose) -> None:
+    """Measure the diagnosis on cases with known answers."""
+    from gatjax.cli.blind import measure
+
+    check_least(0, seed=verb.seed)
+    check_least(1, jobs=verb.jobs, cases=1 if verb.cases is None else verb.cases)
+    make_folder(verb.out)
+    measure(verb)
 
 
 @act.register

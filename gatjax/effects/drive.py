@@ -86,23 +86,6 @@ def _beyond(xp: Any, error: Array, half: Array) -> Array:
     return xp.sign(error) * xp.maximum(xp.abs(error) - half, 0.0)
 
 
-def backlash() -> Effect:
-    """Play between motor and link; params: total width in rad, 0 is neutral.
-
-    The play operator: the output rests until the input has crossed the gap.
-    """
-
-    def init(width: Array, signal: Signal) -> Array:
-        return signal.target
-
-    def apply(width: Array, held: Array, signal: Signal) -> tuple[Array, Signal]:
-        xp = namespace_of(signal.target, width)
-        held = held + _beyond(xp, signal.target - held, 0.5 * width)
-        return held, signal._replace(target=held)
-
-    return Effect(init, apply)
-
-
 def dead_band() -> Effect:
     """Servo that ignores small errors; params: half width in rad, 0 is neutral."""
 
@@ -112,6 +95,67 @@ def dead_band() -> Effect:
         return signal._replace(target=signal.angle + left)
 
     return memoryless(change)
+
+
+def quantization() -> Effect:
+    """Servo that rounds its target; params: step in rad, 0 is neutral."""
+
+    def change(step: Array, signal: Signal) -> Signal:
+        xp = namespace_of(signal.target, step)
+        count = signal.target / xp.where(step > 0.0, step, 1.0)
+        rounded = xp.floor(count + 0.5) * step
+        return signal._replace(target=xp.where(step > 0.0, rounded, signal.target))
+
+    return memoryless(change)
+
+
+def shifted() -> Effect:
+    """Servo whose encoder has a wrong zero; params: offset in rad, 0 is neutral."""
+    return memoryless(
+        lambda offset, signal: signal._replace(target=signal.target - offset)
+    )
+
+
+def scaled() -> Effect:
+    """Servo whose encoder has a wrong scale; params: scale, 1 is neutral.
+
+    The servo acts on target - scale angle; its damping keeps the true speed.
+    """
+
+    def change(scale: Array, signal: Signal) -> Signal:
+        return signal._replace(target=signal.target + (1.0 - scale) * signal.angle)
+
+    return memoryless(change)
+
+
+def loss() -> Effect:
+    """Lose targets, in bursts, and hold the last one; params: probability, burst.
+
+    probability is the share of targets that is lost (0 is neutral), burst the mean
+    number of targets lost together, 1 at least. The draws of the tick decide: a target
+    is lost where Phi(noise) is less than the chance of it, so that a noise of 0 loses
+    nothing as long as the chances are below one half, and -9 loses for sure.
+    """
+
+    def init(params: dict[str, Array], signal: Signal) -> tuple[Array, Array]:
+        return signal.target, 0.0 * signal.target
+
+    def apply(
+        params: dict[str, Array], state: tuple[Array, Array], signal: Signal
+    ) -> tuple[tuple[Array, Array], Signal]:
+        xp = namespace_of(signal.target, params["probability"])
+        held, lost = state
+        share, burst = params["probability"], params["burst"]
+        begin = share / (xp.maximum(1.0 - share, 1e-6) * burst)
+        chance = xp.where(share > 0.0, lost * (1.0 - 1.0 / burst), 0.0)
+        chance = chance + (1.0 - lost) * begin
+        draw = signal.noise
+        below = 0.5 * (1.0 + xp.tanh(0.7978846 * (draw + 0.044715 * draw**3)))
+        gone = below < chance
+        held = xp.where(gone, held, signal.target)
+        return (held, gone + 0.0 * held), signal._replace(target=held)
+
+    return Effect(init, apply)
 
 
 def noise() -> Effect:

@@ -15,9 +15,11 @@ import jax.numpy as jnp
 import numpy as np
 from mujoco import mjx
 
-from gatjax.records import Outcome, Signal, Trajectory
+from gatjax.effects.sensor import drifted
+from gatjax.records import Outcome, Sensed, Signal, Trajectory
 from gatjax.robot.model import slots as find_slots
 from gatjax.sim import episode
+from gatjax.sim.actuation import State, actuation
 from gatjax.sim.world import Values, World, dropped_by_mjx, fields_applied
 
 Array = Any
@@ -49,7 +51,7 @@ def bare_data(world: World, impl: str) -> tuple[Any, Any]:
     """Return MJX's model and data of a world with its field changes."""
     check(world, impl)
     model = fields_applied(world)
-    if "dof_frictionloss" in world.values.body:  # a row for each joint, at any value
+    if _rubs(world):  # a row for each joint, at any value
         dofs = find_slots(model).velocity
         model.dof_frictionloss[dofs] = np.maximum(model.dof_frictionloss[dofs], TRACE)
     if impl == "warp":
@@ -57,6 +59,11 @@ def bare_data(world: World, impl: str) -> tuple[Any, Any]:
             model, impl=impl, naconmax=CONTACTS * WORLDS, njmax=ROWS
         )
     return mjx.put_model(model, impl=impl), mjx.make_data(model, impl=impl)
+
+
+def _rubs(world: World) -> bool:
+    """Whether a world changes dry friction, before the run or in it."""
+    return "dof_frictionloss" in world.values.body or bool(world.joint)
 
 
 def _float(tree: Any) -> Any:
@@ -79,18 +86,29 @@ def _with_fields(model: Any, body: dict[str, Array]) -> Any:
 
 
 def _substeps(world: World, values: Values, model: Any) -> Callable:
-    """Return (data, motor state, target) -> the same after one control tick."""
-    _, motor, _ = world.chains()
+    """Return (data, actuation state, target) -> the same after one control tick."""
+    servos = actuation(world)
     where = find_slots(world.model)
 
-    def advance(data: Any, state: Any, target: Array) -> tuple[Any, Any]:
+    def advance(data: Any, state: State, target: Array) -> tuple[Any, State]:
         def step(carry: tuple, _: None) -> tuple:
             data, state = carry
             angle, velocity = data.qpos[where.position], data.qvel[where.velocity]
             signal = Signal(target, angle, velocity, jnp.zeros_like(target))
-            state, signal = motor.apply(values.motor, state, signal)
+            state, push = servos.apply(values, state, signal)
+            now, data = model, data.replace(ctrl=push.control)
+            if push.load is not None:
+                data = data.replace(
+                    qfrc_applied=data.qfrc_applied.at[where.velocity].set(push.load)
+                )
+                rub = jnp.maximum(push.friction, TRACE)
+                rub = model.dof_frictionloss.at[where.velocity].set(rub)
+                now = model.tree_replace({"dof_frictionloss": rub})
+            if push.armature is not None:
+                heavy = model.dof_armature.at[where.velocity].set(push.armature)
+                now = now.tree_replace({"dof_armature": heavy})
             with jax.numpy_rank_promotion("allow"):  # MJX promotes ranks itself
-                data = mjx.step(model, data.replace(ctrl=signal.target))
+                data = mjx.step(now, data)
             return (data, state), None
 
         return jax.lax.scan(step, (data, state), None, length=world.substeps)[0]
@@ -105,7 +123,7 @@ def _first_signal(target: Array, plant: episode.Plant) -> Signal:
 def _run(world: World, impl: str, keep: Callable) -> Callable:
     base_model, base_data = bare_data(world, impl)
     where = find_slots(world.model)
-    _, motor, _ = world.chains()
+    servos = actuation(world)
 
     def run(values: Values, policy: Array, key: Array) -> tuple[Any, episode.Loop]:
         values, policy = _float(values), _float(policy)
@@ -120,16 +138,20 @@ def _run(world: World, impl: str, keep: Callable) -> Callable:
         def see(data: Any) -> episode.Plant:
             return episode.observe(where, data.qpos, data.qvel, data.sensordata)
 
+        def encoded(state: State, plant: episode.Plant) -> episode.Plant:
+            angle = servos.seen(values, state, plant.reading.angle)
+            return plant._replace(reading=plant.reading._replace(angle=angle))
+
         plant = see(data)
         loop = episode.open_loop(world, values, policy, plant)
         signal = _first_signal(episode.tasks.pose(policy), plant)
-        state = motor.init(values.motor, signal)
+        state = servos.init(values, signal)
         control = episode.control(world, values, policy, noise_key, begin.go)
         advance = _substeps(world, values, model)
 
         def tick(carry: tuple, index: Array) -> tuple:
             loop, data, state = carry
-            loop, target, row = control(loop, index, see(data))
+            loop, target, row = control(loop, index, encoded(state, see(data)))
             data, state = advance(data, state, target)
             return (loop, data, state), keep(row)
 
@@ -169,11 +191,14 @@ def replay(world: World, impl: str = "jax") -> Callable[..., Array]:
     The function takes (values, command [T, J] rad, angle [W, J] rad, qpos [nq],
     qvel [nv]): the first W commands only warm up the effects, which see the recorded
     angles; then the physics starts at qpos, qvel and plays the other T - W commands.
-    It returns the joint angles [T - W, J] after each of those ticks, rad.
+    It returns the joint angles [T - W, J] after each of those ticks, rad, as the
+    encoders report them: after the sensor effects, without noise, drift counted from
+    the first command.
     """
     base_model, base_data = bare_data(world, impl)
     where = find_slots(world.model)
-    command, motor, _ = world.chains()
+    servos = actuation(world)
+    command, _, sensor = world.chains()
 
     def one(
         values: Values, commands: Array, angles: Array, qpos: Array, qvel: Array
@@ -186,27 +211,40 @@ def replay(world: World, impl: str = "jax") -> Callable[..., Array]:
         first = Signal(commands[0], angles[0], still, still)
         state, motor_state = command.init(values.command, first), None
         warm = angles.shape[0]
-        target = commands[0]
-        motor_state = motor.init(values.motor, first)
+        motor_state = servos.init(values, first)
         for index in range(warm):
             signal = Signal(commands[index], angles[index], still, still)
             state, signal = command.apply(values.command, state, signal)
-            target = signal.target
             for _ in range(world.substeps):
-                held = Signal(target, angles[index], still, still)
-                motor_state, _ = motor.apply(values.motor, motor_state, held)
+                held = Signal(signal.target, angles[index], still, still)
+                motor_state, _ = servos.apply(values, motor_state, held)
         advance = _substeps(world, values, model)
 
+        def measured(data: Any, motor_state: State) -> Sensed:
+            plant = episode.observe(where, data.qpos, data.qvel, data.sensordata)
+            angle = servos.seen(values, motor_state, plant.reading.angle)
+            silent = jax.tree.map(jnp.zeros_like, plant.reading)
+            return Sensed(plant.reading._replace(angle=angle), silent)
+
         def tick(carry: tuple, asked: Array) -> tuple:
-            state, data, motor_state = carry
-            angle, velocity = data.qpos[where.position], data.qvel[where.velocity]
+            state, data, motor_state, sensor_state = carry
+            angle = servos.seen(values, motor_state, data.qpos[where.position])
+            velocity = data.qvel[where.velocity]
             signal = Signal(asked, angle, velocity, jnp.zeros_like(asked))
             state, signal = command.apply(values.command, state, signal)
             data, motor_state = advance(data, motor_state, signal.target)
-            return (state, data, motor_state), data.qpos[where.position]
+            sensor_state, sensed = sensor.apply(
+                values.sensor, sensor_state, measured(data, motor_state)
+            )
+            return (state, data, motor_state, sensor_state), sensed.reading.angle
 
-        carry = (state, data, motor_state)
-        return jax.lax.scan(tick, carry, commands[warm:])[1]
+        begin = sensor.init(values.sensor, measured(data, motor_state))
+        carry = (state, data, motor_state, begin)
+        played = jax.lax.scan(tick, carry, commands[warm:])[1]
+        for drift in values.log.values() if values.log else ():
+            log = jnp.concatenate([angles, played])
+            played = drifted(log, drift, world.task.control_period)[warm:]
+        return played
 
     return one
 

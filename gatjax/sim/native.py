@@ -7,6 +7,7 @@ CPU function over all robots. Robots that fell or finished are no longer stepped
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -17,9 +18,20 @@ import numpy as np
 from mujoco import batch
 
 from gatjax import task as tasks
-from gatjax.records import Outcome, Signal, Trajectory
+from gatjax.effects.sensor import drifted
+from gatjax.records import (
+    FORCE_SENSORS,
+    Outcome,
+    Played,
+    Reading,
+    Sensed,
+    Signal,
+    Trajectory,
+)
 from gatjax.robot.model import slots as find_slots
 from gatjax.sim import episode
+from gatjax.sim.actuation import Push, State, actuation
+from gatjax.sim.replay import replay_many
 from gatjax.sim.world import Values, World, fields_applied
 
 Array = Any
@@ -55,11 +67,13 @@ class Native:
         """Compile nothing yet; keep the world and find its joints and sensors."""
         self.world = world
         self._where = find_slots(world.model)
+        self._servos = actuation(world)
         self.begin = _cpu(self._begin_one, (None, 0, 0))
-        self._tick = _cpu(self._tick_one, (None, 0, 0, 0, 0, None, 0, 0, 0))
+        self._tick = _cpu(self._tick_one, (None, 0, 0, 0, 0, None, 0, 0, 0, 0))
         self._motor = _cpu(self._motor_one, (None, 0, 0, 0, 0))
         self._command = _cpu(self._command_one, (None, 0, 0, 0, 0))
         self._init = _cpu(self._init_one, (None, 0, 0))
+        self._sense = _cpu(self._sense_one, (None, 0, 0, 0))
 
     # one robot; vectorised by the constructor
 
@@ -73,22 +87,23 @@ class Native:
             tasks.pose(policy), plant.reading.angle, plant.velocity,
             jnp.zeros_like(plant.velocity),
         )  # fmt: skip
-        motor = self.world.chains()[1].init(values.motor, first)
-        return begin, loop, motor, noise_key
+        return begin, loop, self._servos.init(values, first), noise_key
 
     def _tick_one(
         self, values: Values, policy: Array, key: Array, go: Array, loop: episode.Loop,
-        tick: Array, qpos: Array, qvel: Array, sensors: Array,
+        tick: Array, qpos: Array, qvel: Array, sensors: Array, motor: State,
     ) -> tuple[episode.Loop, Array, episode.Row]:  # fmt: skip
         control = episode.control(self.world, values, policy, key, go)
-        return control(loop, tick, episode.observe(self._where, qpos, qvel, sensors))
+        plant = episode.observe(self._where, qpos, qvel, sensors)
+        angle = self._servos.seen(values, motor, plant.reading.angle)
+        plant = plant._replace(reading=plant.reading._replace(angle=angle))
+        return control(loop, tick, plant)
 
     def _motor_one(
-        self, values: Values, state: Any, target: Array, angle: Array, velocity: Array
-    ) -> tuple[Any, Array]:
+        self, values: Values, state: State, target: Array, angle: Array, velocity: Array
+    ) -> tuple[State, Push]:
         signal = Signal(target, angle, velocity, jnp.zeros_like(target))
-        state, signal = self.world.chains()[1].apply(values.motor, state, signal)
-        return state, signal.target
+        return self._servos.apply(values, state, signal)
 
     def _command_one(
         self, values: Values, state: Any, target: Array, angle: Array, velocity: Array
@@ -97,10 +112,25 @@ class Native:
         state, signal = self.world.chains()[0].apply(values.command, state, signal)
         return state, signal.target
 
-    def _init_one(self, values: Values, target: Array, angle: Array) -> tuple[Any, Any]:
-        command, motor, _ = self.world.chains()
+    def _init_one(
+        self, values: Values, target: Array, angle: Array
+    ) -> tuple[Any, State]:
+        command = self.world.chains()[0]
         signal = Signal(target, angle, jnp.zeros_like(angle), jnp.zeros_like(angle))
-        return command.init(values.command, signal), motor.init(values.motor, signal)
+        return command.init(values.command, signal), self._servos.init(values, signal)
+
+    def _sense_one(
+        self, values: Values, state: Any, motor: State, angle: Array
+    ) -> tuple[Any, Array]:
+        """Return what is measured of joints at an angle; state None is the first."""
+        angle = self._servos.seen(values, motor, angle)
+        sensor = self.world.chains()[2]
+        nothing = [jnp.zeros(3), jnp.zeros(3), jnp.zeros(len(FORCE_SENSORS))]
+        reading = Reading(angle, *nothing)
+        signal = Sensed(reading, jax.tree.map(jnp.zeros_like, reading))
+        state = sensor.init(values.sensor, signal) if state is None else state
+        state, signal = sensor.apply(values.sensor, state, signal)
+        return state, signal.reading.angle
 
     # batches
 
@@ -111,20 +141,29 @@ class Native:
         return batch.Batch(model, nsim=size)
 
     def _advance(
-        self, physics: batch.Batch, values: Values, motor: Any, target: Array, ids: Any
-    ) -> Any:
-        """Play one control tick; return the motor effects' state."""
-        if not self.world.motor:
+        self, physics: batch.Batch, motor: Callable, state: State, target: Array,
+        ids: Any,
+    ) -> State:  # fmt: skip
+        """Play one control tick; `motor` is one step of the motor and joint effects."""
+        if self._servos.plain:
             physics.ctrl[:] = np.asarray(target)
             physics.step(ids=ids, nstep=self.world.substeps)
-            return motor
+            return state
+        dofs = self._where.velocity
         for _ in range(self.world.substeps):
-            angle = physics.qpos[:, self._where.position]
-            velocity = physics.qvel[:, self._where.velocity]
-            motor, sent = self._motor(values, motor, target, angle, velocity)
-            physics.ctrl[:] = np.asarray(sent)
+            angle, velocity = (
+                physics.qpos[:, self._where.position],
+                physics.qvel[:, dofs],
+            )
+            state, push = motor(state, target, angle, velocity)
+            physics.ctrl[:] = np.asarray(push.control)
+            if push.load is not None:
+                physics.qfrc_applied[:, dofs] = np.asarray(push.load)
+                physics.expand("dof_frictionloss")[:, dofs] = np.asarray(push.friction)
+            if push.armature is not None:
+                physics.expand("dof_armature")[:, dofs] = np.asarray(push.armature)
             physics.step(ids=ids)
-        return motor
+        return state
 
     def _run(self, values: Values, policies: Array, keys: Array, keep: Callable) -> Any:
         count = len(policies)
@@ -134,19 +173,20 @@ class Native:
         real = jnp.arange(len(rows)) < count
         loop = loop._replace(score=loop.score._replace(alive=real))
         physics = self._batch(values, len(rows))
+        servos = functools.partial(self._motor, values)
         physics.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
         physics.qpos[:], physics.qvel[:] = begin.qpos, begin.qvel
         sensors = physics.bind("sensordata")
         for tick in range(self.world.task.ticks):
             loop, target, row = self._tick(
                 values, policies, noise_keys, begin.go, loop,
-                jnp.int32(tick), physics.qpos, physics.qvel, sensors,
+                jnp.int32(tick), physics.qpos, physics.qvel, sensors, motor,
             )  # fmt: skip
             keep(row, count)
             ids = np.flatnonzero(np.asarray(loop.score.alive))
             if len(ids) == 0:
                 break
-            motor = self._advance(physics, values, motor, target, ids)
+            motor = self._advance(physics, servos, motor, target, ids)
         verdict = episode.verdict(self.world, loop)
         return jax.tree.map(lambda leaf: np.asarray(leaf)[:count], verdict)
 
@@ -191,26 +231,48 @@ class Native:
             qvel: [B, nv]
 
         Returns:
-            Joint angles [B, T - W, J] after each tick, rad.
+            Joint angles [B, T - W, J] after each tick as the encoders report them, rad.
         """
         physics = self._batch(values, len(commands))
         physics.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
         physics.qpos[:], physics.qvel[:] = qpos, qvel
+        servos = functools.partial(self._motor, values)
         state, motor = self._init(values, commands[:, 0], angles[:, 0])
-        warm, played = angles.shape[1], []
+        warm, played, sense = angles.shape[1], [], None
         for index in range(commands.shape[1]):
             if index < warm:
                 angle, velocity = angles[:, index], 0.0 * angles[:, index]
             else:
                 angle = physics.qpos[:, self._where.position]
                 velocity = physics.qvel[:, self._where.velocity]
+                if sense is None:
+                    sense, _ = self._sense(values, None, motor, angle)
+                angle = self._servos.seen(values, motor, angle)
             state, target = self._command(
                 values, state, commands[:, index], angle, velocity
             )
             if index < warm:
-                for _ in range(self.world.substeps if self.world.motor else 0):
-                    motor, _ = self._motor(values, motor, target, angle, velocity)
+                for _ in range(0 if self._servos.plain else self.world.substeps):
+                    motor, _ = servos(motor, target, angle, velocity)
                 continue
-            motor = self._advance(physics, values, motor, target, None)
-            played.append(physics.qpos[:, self._where.position].copy())
-        return np.stack(played, axis=1)
+            motor = self._advance(physics, servos, motor, target, None)
+            angle = physics.qpos[:, self._where.position]
+            sense, measured = self._sense(values, sense, motor, angle)
+            played.append(np.asarray(measured))
+        return self._logged(values, angles, np.stack(played, axis=1))
+
+    def _logged(self, values: Values, before: Array, played: np.ndarray) -> np.ndarray:
+        """Apply the drift of the log's clock to rows that follow rows `before`."""
+        for drift in values.log.values() if values.log else ():
+            log = np.concatenate([before, played], axis=1)
+            period = self.world.task.control_period
+            rows = [drifted(row, drift, period) for row in log]
+            played = np.stack(rows)[:, before.shape[1] :]
+        return played
+
+    def replay_many(
+        self, values: Values, commands: Array, qpos: Array, qvel: Array,
+        noise: Array | None = None,
+    ) -> Played:  # fmt: skip
+        """Replay logs row by row; see `gatjax.sim.replay.replay_many`."""
+        return replay_many(self.world, values, commands, qpos, qvel, noise)

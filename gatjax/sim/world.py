@@ -5,22 +5,27 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import jax
 import mujoco
 import numpy as np
 
-from gatjax.effects import sensor
+from gatjax.effects import gear, sensor
 from gatjax.effects.catalogue import cause
+from gatjax.effects.cause import check_range, spread
 from gatjax.effects.effect import Effect, chain
 from gatjax.records import Reading
 from gatjax.robot import model as robot_model
 from gatjax.runs import write_json
+from gatjax.sim import causes, derived
+from gatjax.sim.causes import GEAR
 from gatjax.task import Task
 
 SCHEMA = "gatjax.world/1"
+ROLES = ("cause", "calibration")
 SENSOR_NOISE = Reading(angle=0.0, gyro=0.005, accelerometer=0.0, force=0.03)
 """Nominal simulator: gyro 5 mrad/s (HULKs' simulator), foot forces 3 % [A]."""
 
@@ -32,6 +37,9 @@ class Values(NamedTuple):
     motor: dict[str, Any]
     sensor: dict[str, Any]
     body: dict[str, np.ndarray]  # MuJoCo field -> value
+    joint: Any = ()  # params by effect name
+    log: Any = ()  # params by cause
+    servo: Any = None  # Servo of the joints, in a world with joint effects
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -44,6 +52,8 @@ class World:
     motor: Mapping[str, Effect]  # once per physics step
     sensor: Mapping[str, Effect]  # once per control tick
     values: Values
+    joint: Mapping[str, Effect] = dataclasses.field(default_factory=dict)
+    # once per physics step, after motor
     causes: tuple[dict, ...] = ()  # as in world.json
     source: str = "nao"  # model file, or "nao"
 
@@ -61,10 +71,31 @@ class World:
         """Command, motor and sensor effects, each as one effect."""
         return chain(**self.command), chain(**self.motor), chain(**self.sensor)
 
+    @property
+    def learned(self) -> bool:
+        """Whether a command effect comes from elsewhere than the catalogue."""
+        return len(causes.parts(self.causes, "command")) < len(self.command)
 
-def nominal(task: Task = Task(), source: str | Path = "nao") -> World:
-    """Return the ideal simulator of a robot: sensor noise, no other effect."""
-    model = robot_model.load(source)
+    @property
+    def foresees(self) -> bool:
+        """Whether no effect between command and servo looks at the joints."""
+        parts = causes.parts(self.causes, "command", "motor")
+        sees = any(part.sees for part in parts)
+        return not (self.learned or self.joint or sees)
+
+
+def nominal(
+    task: Task = Task(), source: str | Path = "nao", timestep: float | None = None
+) -> World:
+    """Return the ideal simulator of a robot: sensor noise, no other effect.
+
+    Args:
+        task: what is asked of it, and the control period.
+        source: MJCF file, or "nao".
+        timestep: physics step in s; the file's if left out. A servo's angle is wrong by
+            what it moves in about half a step.
+    """
+    model = robot_model.load(source, timestep)
     period, step = task.control_period, model.opt.timestep
     if abs(period / step - round(period / step)) > 1e-6:
         step = 0.005 if abs(period / 0.005 - round(period / 0.005)) < 1e-6 else 0.002
@@ -89,57 +120,95 @@ def add_command(world: World, name: str, effect: Effect, params: Any) -> World:
     )
 
 
-def _per_joint(names: tuple[str, ...], where: list[str], value: float, neutral: float):
-    if where == ["all"]:
-        return np.full(len(names), value)
-    unknown = sorted(set(where) - set(names))
-    if unknown:
-        raise ValueError(f"the model has no joint {unknown[0]!r}; it has {list(names)}")
-    return np.where(np.isin(names, where), value, neutral)
-
-
-def add_cause(world: World, name: str, where: list[str], value: float) -> World:
+def add_cause(
+    world: World,
+    name: str,
+    where: list[str],
+    values: Mapping[str, Any] | float,
+    role: str = "cause",
+) -> World:
     """Add a cause of the catalogue.
 
     Args:
         world: the world to extend.
         name: a name of `gatjax.effects.catalogue.CATALOGUE`.
-        where: joint names, or ["all"].
-        value: its parameter, in the catalogue's unit.
+        where: joint names, or ["all"]; "imu", "ground" or feet for causes of those.
+        values: {parameter: number} in the catalogue's units, defaults may be left out;
+            a number alone is the first parameter.
+        role: "calibration" for a small correction of nominal numbers: what changes
+            model fields may then have either sign, as long as it stays physical.
+
+    Raises:
+        ValueError: a name is unknown, or a value is not plausible.
     """
+    if role not in ROLES:
+        raise ValueError(f"role {role!r} is unknown; choose from {list(ROLES)}")
     entry = cause(name)
-    names = robot_model.joint_names(world.model)
-    params = _per_joint(names, where, value, entry.neutral)
-    if value != entry.neutral and not entry.low <= value <= entry.high:
-        raise ValueError(
-            f"{name}: {entry.parameter} {value} {entry.unit} is out of range; use "
-            f"{entry.low} to {entry.high}, or {entry.neutral} for none"
-        )
-    row = {"cause": name, "where": list(where), "values": {entry.parameter: value}}
-    causes = (*world.causes, row)
-    if entry.slot == "body":
-        fields = entry.build(world.model, dict(world.values.body), params)
-        values = world.values._replace(body=fields)
-        return dataclasses.replace(world, values=values, causes=causes)
-    slot = entry.slot
-    period = (
-        world.task.control_period if slot == "command" else world.model.opt.timestep
+    given = values if isinstance(values, Mapping) else {entry.main.name: values}
+    row = {"cause": name, "where": list(where), "values": dict(given)}
+    row |= {} if role == "cause" else {"role": role}
+    full = causes.completed(row)
+    parts = entry.active(full)
+    places = [causes.places(world.model, row, part) for part in parts]
+    if role == "cause" or any(part.slot != "body" for part in parts):
+        check_range(name, entry, full)
+    added: dict[str, Any] = {}
+    numbers: dict[str, Any] = {}
+    for part, names in zip(parts, places, strict=True):
+        params = spread(entry, part, names, row["where"], full)
+        key, slot = f"{name}_{len(world.causes)}", part.slot
+        if slot in ("body", GEAR):
+            continue
+        if part.build is not None:
+            period = world.model.opt.timestep
+            period = period if slot in ("motor", "joint") else world.task.control_period
+            added[slot] = {**getattr(world, slot), key: part.build(period)}
+        numbers[slot] = {**dict(getattr(world.values, slot)), key: params}
+    world = dataclasses.replace(
+        world,
+        values=world.values._replace(**numbers),
+        causes=(*world.causes, row),
+        **added,
     )
-    key = f"{name}_{len(world.causes)}"
-    added = {
-        slot: {**getattr(world, slot), key: entry.build(period)},
-        "values": world.values._replace(
-            **{slot: {**getattr(world.values, slot), key: params}}
-        ),
-    }
-    return dataclasses.replace(world, causes=causes, **added)
+    return _refreshed(world, {part.slot for part in parts})
+
+
+def _refreshed(world: World, slots: set[str]) -> World:
+    """Refresh the model fields and servos, which depend on all causes together."""
+    if not world.joint and not slots & {"body", GEAR}:
+        return world
+    model, joint, params = world.model, dict(world.joint), dict(world.values.joint)
+    fields, play = causes.of_model(model, world.causes)
+    values = world.values
+    if joint or play is not None:
+        servo = derived.servo(model, fields)
+        if play is not None:
+            fields, servo = derived.geared(model, fields, servo, play)
+            for part in (joint, params):
+                part.pop(GEAR, None)  # it comes last: what it leaves is the link's
+            joint[GEAR] = gear.transmission(model.opt.timestep)
+            params[GEAR] = play
+        values = values._replace(joint=params, servo=servo)
+    values = values._replace(body=fields)
+    model = derived.solved(model, fields)
+    return dataclasses.replace(world, model=model, joint=joint, values=values)
+
+
+def stacked(values: Sequence[Values]) -> Values:
+    """Stack values of worlds of one structure, for `replay_many`: leaves [N, ...]."""
+    return jax.tree.map(lambda *leaves: np.stack(leaves), *values)
 
 
 def fields_applied(world: World) -> mujoco.MjModel:
-    """Return a copy of the model with the world's field changes written into it."""
+    """Return a copy of the model with the world's field changes written into it.
+
+    Where effects act on the target inside the servo, they keep it in its range
+    themselves: what they make of it is not clamped again.
+    """
     changed = mujoco.MjModel.__copy__(world.model)
-    for name, value in world.values.body.items():
-        getattr(changed, name)[...] = value
+    derived.settle(changed, world.values.body)
+    if world.motor or world.joint:
+        changed.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL
     return changed
 
 
@@ -162,6 +231,7 @@ def write_world(path: Path, world: World, made_by: dict, grounding: str | None) 
         "schema": SCHEMA,
         "model": source,
         "rate_hz": world.rate_hz,
+        "timestep_s": world.model.opt.timestep,
         "effects": list(world.causes),
         "grounding": grounding,
         "made_by": made_by,
@@ -179,10 +249,18 @@ def read_world(path: Path, task: Task = Task()) -> tuple[World, Path | None]:
     path = world_file(path)
     text = _world_text(path)
     source = text["model"]
-    world = nominal(task, source if source == "nao" else path.parent / source)
+    source = source if source == "nao" else path.parent / source
+    world = nominal(task, source, text.get("timestep_s"))
     for number, row in enumerate(text["effects"], start=1):
-        name, where, value = _effect_row(row, f"{path}: effect {number}")
-        world = add_cause(world, name, where, value)
+        where = f"{path}: effect {number}"
+        _check_row(row, where)
+        try:
+            world = add_cause(
+                world, row["cause"], row["where"], row["values"],
+                row.get("role", "cause"),
+            )  # fmt: skip
+        except ValueError as error:
+            raise ValueError(f"{where}, {error}") from error
     grounding = text.get("grounding")
     if not grounding:
         return world, None
@@ -226,20 +304,22 @@ def _world_text(path: Path) -> dict[str, Any]:
     missing = [key for key in wanted if key not in text]
     if missing:
         raise ValueError(f"{path}: {missing[0]!r} is missing; see docs/files.md")
-    wanted |= {"grounding": str | None, "rate_hz": int | float | None}
+    number = int | float | None
+    wanted |= {"grounding": str | None, "rate_hz": number, "timestep_s": number}
     for key, kind in wanted.items():
         if not isinstance(text.get(key), kind) or text.get(key) is True:
             raise ValueError(f"{path}: {key} is {text[key]!r}; see docs/files.md")
-    if text.get("rate_hz") is not None and not 0.0 < text["rate_hz"] < np.inf:
-        raise ValueError(f"{path}: rate_hz is {text['rate_hz']}; it is a number > 0")
+    for key in ("rate_hz", "timestep_s"):
+        if text.get(key) is not None and not 0.0 < text[key] < np.inf:
+            raise ValueError(f"{path}: {key} is {text[key]}; it is a number > 0")
     return text
 
 
-def _effect_row(row: Any, name: str) -> tuple[str, list[str], float]:
-    """Check one row of `effects`; return cause, joints and value."""
+def _check_row(row: Any, name: str) -> None:
+    """Check the form of one row of `effects`; raise ValueError."""
     if not isinstance(row, dict) or not isinstance(row.get("cause"), str):
         raise ValueError(f"{name} must be {{cause, where, values}}, it is {row!r}")
-    entry, where, values = cause(row["cause"]), row.get("where"), row.get("values")
+    where, values = row.get("where"), row.get("values")
     if (
         not isinstance(where, list)
         or not where
@@ -249,15 +329,11 @@ def _effect_row(row: Any, name: str) -> tuple[str, list[str], float]:
             f"{name}, {row['cause']}: where is {where!r}; it must be a list of joint "
             f'names or ["all"]'
         )
-    if not isinstance(values, dict) or set(values) != {entry.parameter}:
+    if not isinstance(values, dict):
         raise ValueError(
-            f"{name}, {row['cause']} needs {entry.parameter!r} in values and nothing "
-            f"else; values is {values!r}"
+            f"{name}, {row['cause']}: values is {values!r}; it must be "
+            "{parameter: number}"
         )
-    value = values[entry.parameter]
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError(
-            f"{name}, {row['cause']}: {entry.parameter} is {value!r}; it must be a "
-            f"number in {entry.unit}"
-        )
-    return row["cause"], where, float(value)
+    extra = sorted(set(row) - {"cause", "where", "values", "role"})
+    if extra:
+        raise ValueError(f"{name}, {row['cause']}: {extra[0]!r} means nothing here")

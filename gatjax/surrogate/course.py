@@ -1,8 +1,9 @@
-"""The closed loop that every stand-in robot walks, and what its sensors report."""
+"""How every stand-in robot walks or plays a motion, and what its sensors report."""
 
 from __future__ import annotations
 
-from typing import Protocol, TypeVar, runtime_checkable
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
@@ -61,26 +62,85 @@ def walk(
     values, with `alive` False.
     """
     go = np.array([run.go for run in runs])
+
+    def answer(state: tuple, tick: int, base: Base, reading: Reading) -> tuple:
+        pilot, score = state
+        score = tasks.keep_score(task, go, np.asarray(tick), score, base)
+        pilot, wanted = tasks.pilot(task, policies, go, pilot, reading)
+        return (pilot, score), wanted, score.alive
+
+    first = tasks.begin(policies), tasks.open_score(machine.base())
+    steered = Steered(first, tasks.pose(policies), answer)
+    (_, score), rows = _steer(machine, constants, body, runs, steered, task.ticks)
+    return _trajectory(rows, task.control_period), tasks.outcome(task, score)
+
+
+def play(
+    machine: Machine,
+    constants: Constants,
+    body: Body,
+    runs: list[Run],
+    targets: np.ndarray,
+    task: Task,
+) -> Trajectory:
+    """Let N robots follow targets [N, T, J] rad, one row per control tick.
+
+    They hold the first target for `task.settle` before the first row. A robot that has
+    fallen is not stepped any more, as in `walk`.
+    """
+    before = round(task.settle / task.control_period)
+
+    def answer(alive: np.ndarray, tick: int, base: Base, reading: Reading) -> tuple:
+        del reading
+        alive = alive & standing(base)
+        return alive, targets[:, max(tick - before, 0)], alive
+
+    steered = Steered(np.ones(len(runs), bool), targets[:, 0], answer)
+    ticks = before + targets.shape[1]
+    _, rows = _steer(machine, constants, body, runs, steered, ticks)
+    return _trajectory(rows[before:], task.control_period)
+
+
+def standing(base: Base) -> np.ndarray:
+    """Return which robots [N] neither fell nor diverged."""
+    finite = np.isfinite(base.position).all(-1) & np.isfinite(base.quaternion).all(-1)
+    return finite & ~tasks.fallen(base)
+
+
+class Steered(NamedTuple):
+    """Who moves N robots."""
+
+    state: Any  # what `answer` remembers, at the first tick
+    target: np.ndarray  # [N, J] rad, before the first tick
+    answer: Callable[[Any, int, Base, Reading], tuple]
+    # (state, tick, base, reading) -> state, targets [N, J] rad, alive [N]
+
+
+def _steer(
+    machine: Machine,
+    constants: Constants,
+    body: Body,
+    runs: list[Run],
+    steered: Steered,
+    ticks: int,
+) -> tuple[Any, list[tuple]]:
+    """Close the loop for some ticks; return the last state and the rows."""
     noise = np.stack([run.noise for run in runs], axis=1)
-    state = tasks.begin(policies)
-    target = tasks.pose(policies)
-    base = machine.base()
-    score = tasks.open_score(base)
+    state, target, answer = steered
+    base, alive = machine.base(), np.ones(len(runs), bool)
     reading = report(constants, body, machine.sense(), noise[0])
     rows = []
-    for tick in range(task.ticks):
-        if score.alive.any():
-            before = score.alive
-            base = _keep(before, machine.base(), base)
+    for tick in range(ticks):
+        if alive.any():
+            base = _keep(alive, machine.base(), base)
             new = report(constants, body, machine.sense(), noise[tick])
-            reading = _keep(before, new, reading)
-            score = tasks.keep_score(task, go, np.asarray(tick), score, base)
-            state, wanted = tasks.pilot(task, policies, go, state, reading)
-            target = np.where(score.alive[:, None], wanted, target)
-        rows.append((target, reading, base, score.alive))
-        if score.alive.any():
-            machine.advance(target, score.alive)
-    return _trajectory(rows, task), tasks.outcome(task, score)
+            reading = _keep(alive, new, reading)
+            state, wanted, alive = answer(state, tick, base, reading)
+            target = np.where(alive[:, None], wanted, target)
+        rows.append((target, reading, base, alive))
+        if alive.any():
+            machine.advance(target, alive)
+    return state, rows
 
 
 def _keep(alive: np.ndarray, new: Record, old: Record) -> Record:
@@ -91,9 +151,9 @@ def _keep(alive: np.ndarray, new: Record, old: Record) -> Record:
     return type(new)(*fields)
 
 
-def _trajectory(rows: list[tuple], task: Task) -> Trajectory:
+def _trajectory(rows: list[tuple], period: float) -> Trajectory:
     command, readings, bases, alive = zip(*rows, strict=True)
-    time = np.arange(len(rows)) * task.control_period
+    time = np.arange(len(rows)) * period
     alive = np.stack(alive, axis=1)
     return Trajectory(
         time=np.broadcast_to(time, alive.shape).copy(),

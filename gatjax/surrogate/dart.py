@@ -12,22 +12,32 @@ from __future__ import annotations
 import os
 import signal
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import lru_cache
 from multiprocessing import get_context
+from typing import Any
 
 import dartpy
 import mujoco
 import numpy as np
 
 from gatjax import task as tasks
+from gatjax.motions import Limbs
 from gatjax.records import JOINTS, Base, Outcome, Reading, Trajectory
 from gatjax.surrogate import course
 from gatjax.surrogate.e1 import E1, Body, draw_body, nominal, published
 from gatjax.surrogate.servo import COUPLED, encode, error, servo, torque
 from gatjax.surrogate.skeleton import TORSO, Ground, Rotors, World, skeleton
-from gatjax.surrogate.start import Floor, Run, draw_floor, draw_run, first_state
+from gatjax.surrogate.start import (
+    Floor,
+    Run,
+    draw_floor,
+    draw_run,
+    first_state,
+    playing,
+    standing_nao,
+)
 from gatjax.task import Task
 
 STEP = 0.001  # s, physics and servo
@@ -168,6 +178,17 @@ def walk_one(
     return course.walk(machine, E1, body, [run], policy[None], task)
 
 
+def play_one(
+    body_seed: int, targets: np.ndarray, rate_hz: float, seed: int
+) -> Trajectory:
+    """Let one robot play targets [T, J] rad; records with a leading axis of 1."""
+    body, floor = _series(body_seed)
+    task = playing(len(targets), rate_hz)
+    run = draw_run(body, seed, task, E1)
+    machine = Nao(body, floor, run, targets[0], task)
+    return course.play(machine, E1, body, [run], targets[None], task)
+
+
 def _leave_interrupts_to_the_parent() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
@@ -209,10 +230,41 @@ class Dart:
             (self.body_seed, policy, int(seed), task)
             for policy, seed in zip(policies, seeds, strict=True)
         ]
+        walks, verdicts = zip(*self._shared(walk_one, jobs), strict=True)
+        return _join(walks), _join(verdicts)
+
+    def limbs(self) -> Limbs:
+        """Return what a motion must know of this robot, which stands."""
+        return standing_nao()
+
+    def play(
+        self, targets: np.ndarray, rate_hz: float, seeds: Sequence[int] | np.ndarray
+    ) -> Trajectory:
+        """Let N standing robots follow targets, open loop.
+
+        Args:
+            targets: [N, T, J] rad, from `gatjax.motions`; held for a second before.
+            rate_hz: rows per second: 50, 100 or 83.3.
+            seeds: [N] int, one per run.
+
+        Returns:
+            Trajectory [N, T, ...]; `alive` is False from a fall on.
+
+        Raises:
+            ValueError: another rate.
+        """
+        jobs = [
+            (self.body_seed, target, rate_hz, int(seed))
+            for target, seed in zip(targets, seeds, strict=True)
+        ]
+        return _join(self._shared(play_one, jobs))
+
+    def _shared(self, run: Callable, jobs: list[tuple]) -> list:
+        """Run jobs in the worker processes; in this one if there is only one."""
         if min(self.workers, len(jobs)) == 1:
-            return _join([walk_one(*job) for job in jobs])
+            return [run(*job) for job in jobs]
         try:
-            return _join(list(self._workers().map(walk_one, *zip(*jobs, strict=True))))
+            return list(self._workers().map(run, *zip(*jobs, strict=True)))
         except BaseException:
             self.close()
             raise
@@ -234,17 +286,9 @@ class Dart:
             self._pool = None
 
 
-def _join(results: list[tuple[Trajectory, Outcome]]) -> tuple[Trajectory, Outcome]:
-    """Put runs with a leading axis of 1 together."""
-    walks, verdicts = zip(*results, strict=True)
-
-    def fields(records: tuple) -> list[np.ndarray]:
-        return [np.concatenate(field) for field in zip(*records, strict=True)]
-
-    readings = Reading(*fields(tuple(walk.reading for walk in walks)))
-    bases = Base(*fields(tuple(walk.base for walk in walks)))
-    time, command, alive = (
-        np.concatenate([getattr(walk, name) for walk in walks])
-        for name in ("time", "command", "alive")
-    )
-    return Trajectory(time, command, readings, bases, alive), Outcome(*fields(verdicts))
+def _join(parts: Sequence[Any]) -> Any:
+    """Put equal records together along their first axis."""
+    first = parts[0]
+    if isinstance(first, tuple):
+        return type(first)(*map(_join, zip(*parts, strict=True)))
+    return np.concatenate(parts)

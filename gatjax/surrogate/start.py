@@ -7,11 +7,15 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from gatjax.motions import Limbs
 from gatjax.records import FORCE_SENSORS, JOINTS
 from gatjax.robot import model as robot_model
+from gatjax.robot import nao
 from gatjax.surrogate.e1 import FLOOR_STREAM, RUN_STREAM, Body, Constants, nominal
-from gatjax.task import Task
+from gatjax.task import Task, pose, task_at
+from gatjax.walk.parameters import THETA0
 
+SETTLE = 1.0  # s in which a robot comes to rest before it plays a motion
 CLEARANCE = 1e-4  # m, lowest sole corner over the floor at the start
 NOISES = 3 + 3 + len(FORCE_SENSORS)  # gyro, accelerometer, foot forces
 
@@ -72,17 +76,38 @@ def draw_run(body: Body, seed: int, task: Task, constants: Constants) -> Run:
     )
 
 
-def first_state(pose: np.ndarray, run: Run, floor: Floor) -> tuple:
+def standing_nao() -> Limbs:
+    """Return what a motion must know of a NAO that stands ready."""
+    return Limbs(
+        names=JOINTS,
+        limits=nao.LIMITS,
+        home=pose(THETA0),
+        speed=np.array([motor.no_load_speed for motor in nao.MOTORS]),
+        floating=True,
+    )
+
+
+def playing(rows: int, rate_hz: float) -> Task:
+    """Return the timing of a motion as a task: no walk, `rows` rows.
+
+    Raises:
+        ValueError: the stand-in robots have no such control rate.
+    """
+    task = task_at(rate_hz, settle=SETTLE, longest_delay=0.0)
+    return task._replace(duration=rows * task.control_period)
+
+
+def first_state(angle: np.ndarray, run: Run, floor: Floor) -> tuple:
     """MuJoCo state of a robot put down on the floor: qpos [nq] and qvel [nv].
 
     Args:
-        pose: [J] rad, joint angles of the ready robot.
+        angle: [J] rad, joint angles of the ready robot.
         run: what the seed drew.
         floor: the floor; the lowest sole corner touches it.
     """
     model = nominal()
     data = mujoco.MjData(model)
-    data.qpos[robot_model.slots(model).position] = pose + run.angle
+    data.qpos[robot_model.slots(model).position] = angle + run.angle
     left, right = model.joint("LHipYawPitch"), model.joint("RHipYawPitch")
     data.qpos[right.qposadr] = data.qpos[left.qposadr]
     data.qpos[:3] = *run.patch, 0.0

@@ -19,13 +19,22 @@ import numpy as np
 from mujoco.batch import Batch
 
 from gatjax import task as tasks
+from gatjax.motions import Limbs
 from gatjax.records import JOINTS, Base, Outcome, Reading, Trajectory
 from gatjax.robot import nao
 from gatjax.robot.model import slots
 from gatjax.surrogate import course
 from gatjax.surrogate.e1 import E1, Body, draw_body, inertials, published
 from gatjax.surrogate.servo import encode, error, servo
-from gatjax.surrogate.start import Floor, Run, draw_floor, draw_run, first_state
+from gatjax.surrogate.start import (
+    Floor,
+    Run,
+    draw_floor,
+    draw_run,
+    first_state,
+    playing,
+    standing_nao,
+)
 from gatjax.task import Task
 
 STEP = 0.0005  # s, physics
@@ -285,3 +294,20 @@ class Stiff:
         policies = np.asarray(policies, dtype=float)
         flock = Flock(body, floor, runs, tasks.pose(policies), task)
         return course.walk(flock, E1, body, runs, policies, task)
+
+    def limbs(self) -> Limbs:
+        """Return what a motion must know of this robot, which stands."""
+        return standing_nao()
+
+    def play(
+        self, targets: np.ndarray, rate_hz: float, seeds: Sequence[int] | np.ndarray
+    ) -> Trajectory:
+        """Let N standing robots follow targets [N, T, J] rad with seeds [N].
+
+        The result is a Trajectory [N, T, ...]; see `gatjax.surrogate.dart.Dart.play`.
+        """
+        body, floor = _series(self.body_seed)
+        task = playing(targets.shape[1], rate_hz)
+        runs = [draw_run(body, int(seed), task, E1) for seed in seeds]
+        flock = Flock(body, floor, runs, targets[:, 0], task)
+        return course.play(flock, E1, body, runs, targets, task)

@@ -1,0 +1,1 @@
+"""Score the diagnosis, and simpler methods, on cases whose answers are known."""

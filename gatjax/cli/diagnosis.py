@@ -1,0 +1,196 @@
+"""`gatjax diagnose`: checked logs in, the verdict on the screen and in a folder."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+
+from gatjax.cli.arguments import Diagnose
+from gatjax.cli.found import gain_lines, named_lines
+from gatjax.cli.progress import shown
+from gatjax.data import checks
+from gatjax.data.mapping import ColumnMap, read_map
+from gatjax.data.recording import Recording, check_recording, read_recording
+from gatjax.diagnosis.diagnose import diagnose
+from gatjax.loop.setting import Progress
+from gatjax.report.diagnosis import write_report
+from gatjax.robot import model as robot_model
+from gatjax.runs import write_json
+
+ENGINE = {
+    "tolerances": ("fit tolerances", 0.0, 0.3),
+    "causes": ("weigh causes", 0.3, 0.7),
+    "extend": ("extend the model", 0.7, 0.72),
+    "measure": ("measure on logs", 0.72, 1.0),
+}
+"""Stages of the engine: what to say, and where they lie in the whole."""
+HALF = 0.5  # of what is left of a stage, for one more round of it
+
+
+class Logs(NamedTuple):
+    """Recordings that may be diagnosed, and what the checks said of them."""
+
+    fit: list[Recording]
+    held: list[Recording]
+    checks: list[dict[str, str]]  # file, level, check, text
+
+
+def read_logs(verb: Diagnose) -> Logs:
+    """Read and check everything that a diagnosis takes.
+
+    Raises:
+        ValueError: one line with what cannot be trusted, and what to do.
+        FileNotFoundError: a file is not there.
+    """
+    if not verb.data:
+        raise ValueError("--data names no file; give at least one recording")
+    model = robot_model.load(verb.model)
+    _check_model(model, verb.model)
+    _check_twice(verb.data)
+    joints = robot_model.joint_names(model)
+    ranges = {
+        joint: (float(low), float(high)) if limited else (-np.inf, np.inf)
+        for joint, limited, (low, high) in zip(
+            joints,
+            model.jnt_limited[model.actuator_trnid[:, 0]],
+            model.jnt_range[model.actuator_trnid[:, 0]],
+            strict=True,
+        )
+    }
+    mapping = None if verb.map is None else read_map(verb.map)
+    fit, fit_found = _checked(verb.data, mapping, ranges, "fit")
+    held, held_found = _checked(verb.held_out, mapping, ranges, "held-out")
+    shared = checks.same_data(fit, held)
+    if shared is not None:
+        raise ValueError(shared)
+    found = [*fit_found, *held_found]
+    rows = checks.summary(list(zip([*fit, *held], found, strict=True)))
+    return Logs(fit, held, rows)
+
+
+def _checked(
+    paths: Sequence[Path],
+    mapping: ColumnMap | None,
+    ranges: dict[str, tuple[float, float]],
+    role: checks.Role,
+) -> tuple[list[Recording], list[list[checks.Finding]]]:
+    """Recordings of one role with their findings; refused ones raise."""
+    logs, found = [], []
+    for path in paths:
+        log = read_recording(path, mapping)
+        check_recording(log, list(ranges))
+        if log.metadata.get("base") == "floating":
+            raise ValueError(
+                f"{path}: metadata base is floating; gatjax diagnose needs a robot "
+                f"whose base is held (hang or bolt it), and base: fixed in its log"
+            )
+        own = checks.findings(log, ranges, role)
+        refused = [each.text for each in own if each.level == "refuse"]
+        if refused:
+            more = f" (and {len(refused) - 1} more)" if len(refused) > 1 else ""
+            raise ValueError(f"{refused[0]}{more}")
+        logs.append(log)
+        found.append(own)
+    return logs, found
+
+
+def _check_twice(paths: Sequence[Path]) -> None:
+    """Refuse a file that is named twice: it would count double."""
+    seen: set[Path] = set()
+    for path in paths:
+        if path.resolve() in seen:
+            raise ValueError(f"{path}: is named twice after --data; name it once")
+        seen.add(path.resolve())
+
+
+def _check_model(model: mujoco.MjModel, path: Path) -> None:
+    """Refuse robots that the engine cannot simulate joint by joint."""
+    if (model.jnt_type == mujoco.mjtJoint.mjJNT_FREE).any():
+        raise ValueError(
+            f"{path}: the base floats (a free joint); gatjax diagnose needs a model "
+            f"whose base is held: take the free joint out and log the robot hanging"
+        )
+    if model.nu == 0:
+        raise ValueError(f"{path}: no actuators; give every driven joint a <position>")
+    robot_model.joint_names(model)
+    kp, position = model.actuator_gainprm[:, 0], model.actuator_biasprm[:, 1]
+    is_servo = (
+        (model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED)
+        & (model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE)
+        & (model.actuator_dyntype == mujoco.mjtDyn.mjDYN_NONE)
+        & (kp > 0.0)
+        & np.isclose(kp, -position)
+    )
+    if not is_servo.all():
+        name = model.actuator(int(np.flatnonzero(~is_servo)[0])).name
+        raise ValueError(
+            f"{path}: actuator {name!r} is no position servo; gatjax diagnose needs "
+            f'<position kp=".." kv=".." joint=".."/> at every driven joint'
+        )
+
+
+def explain(verb: Diagnose, logs: Logs) -> None:
+    """Diagnose, write the folder and say what was found."""
+    for row in logs.checks:
+        if row["level"] == "warning":
+            print(f"warning: {row['text']}", file=sys.stderr)
+    with shown(1.0) as progress:
+        tell = staged(progress)
+        found = diagnose(
+            str(verb.model), logs.fit, logs.held, verb.out, verb.seed, tell
+        )
+    found = found | {"data_checks": logs.checks}
+    write_json(verb.out / "diagnosis.json", found)
+    report = write_report(verb.out)
+    print("\n".join(said(found, verb.out, report)))
+
+
+def said(found: dict[str, Any], out: Path, report: Path) -> list[str]:
+    """What a diagnosis prints: verdict, causes, gain, files."""
+    return [
+        found["sentence"],
+        *named_lines(found["causes"]),
+        *gain_lines(found["gain"]),
+        f"report     {report}",
+        f"numbers    {out / 'diagnosis.json'}",
+        f"simulation {out / 'world.json'}: give it to any verb as --world",
+        f"model      {out / 'extended.xml'}: what plain MJCF can say of it",
+    ]
+
+
+def staged(progress: Progress) -> Callable[[str, float], None]:
+    """Turn the engine's stages into progress over one unit of work.
+
+    A stage whose share falls back has begun another round; nobody knows how many there
+    will be, so each takes half of what is left of the stage.
+
+    Args:
+        progress: over 1.0 units of work.
+
+    Returns:
+        The engine's `tell(stage, share)`; it may be called from several threads.
+    """
+    lock = threading.Lock()
+    state = {"stage": "", "share": 1.0, "begin": 0.0, "done": 0.0}
+
+    def tell(stage: str, share: float) -> None:
+        text, first, last = ENGINE.get(stage, (stage, state["done"], 1.0))
+        with lock:
+            fresh = stage != state["stage"]
+            if fresh or share < state["share"]:
+                state["begin"] = max(first, state["done"]) if fresh else state["done"]
+                state["stage"] = stage
+                progress.stage(text if fresh else f"{text}, once more")
+            state["share"] = share
+            reached = state["begin"] + HALF * share * (last - state["begin"])
+            if reached > state["done"]:
+                progress.work(reached - state["done"])
+                state["done"] = reached
+
+    return tell

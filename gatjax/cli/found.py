@@ -1,0 +1,67 @@
+"""What a diagnosis found, as lines of text for a terminal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+HEADINGS = ("cause", "where", "value", "90 % interval", "probability", "could also be")
+
+
+def named_lines(causes: Sequence[Mapping[str, Any]]) -> list[str]:
+    """A table of the named causes, one line for each parameter; none without causes."""
+    if not causes:
+        return []
+    rows: list[Sequence[str]] = [HEADINGS]
+    for cause in causes:
+        head = (str(cause["cause"]), ", ".join(cause["where"]))
+        tail = (f"{cause['probability']:.2f}", ", ".join(cause["equivalent"]) or "-")
+        for name, entry in cause["parameters"].items():
+            unit = "" if entry["unit"] == "1" else f" {entry['unit']}"
+            value = f"{name} {entry['value']:.3g}{unit}"
+            ends = f"{entry['low']:.3g} to {entry['high']:.3g}"
+            if entry["low"] == entry["high"]:
+                ends = ""  # says which variant, was not measured
+            rows.append((*head, value, ends, *tail))
+            head, tail = ("", ""), ("", "")
+    return aligned(rows)
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Rows of cells as lines, columns under each other."""
+    widths = [max(len(cell) for cell in column) for column in zip(*rows, strict=True)]
+    return [
+        "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]
+
+
+def gain_lines(gain: Mapping[str, Any] | None) -> list[str]:
+    """What the extended simulation gains on held-out logs."""
+    if gain is None:
+        return ["gain       not measured: give logs of another motion as --held-out"]
+    before, after = gain["before"], gain["after"]
+    share = 1.0 - after / before if before > 0.0 else 0.0
+    lines = [
+        f"gain       held-out error {_degrees(before)} -> {_degrees(after)} deg rms, "
+        f"{abs(share):.0%} {'less' if share >= 0.0 else 'more'} "
+        f"(90 % interval of the gain: {gain['low']:.0%} to {gain['high']:.0%})"
+    ]
+    learned = gain.get("learned_ceiling")
+    if learned is not None:
+        floor = _degrees(gain["noise_floor"])
+        lines.append(
+            f"           a learned model reaches {_degrees(learned)} deg, noise is "
+            f"{floor} deg"
+        )
+    if not gain.get("promoted", True):
+        lines.append(
+            "           no gain is proven: keep the old simulation, or record more"
+        )
+    return lines
+
+
+def _degrees(angle: float) -> str:
+    """An angle in rad as degrees."""
+    return f"{math.degrees(angle):.3g}"

@@ -1,0 +1,130 @@
+"""Checks of a recording before anything is concluded from it; nothing is changed.
+
+`check_recording` (recording.py) refuses what is broken: names, NaN, time that does not
+increase. Here is what a readable log may still lack: a rate and a resolution that show
+effects, motion enough, and columns that mean what their names say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from gatjax.data import excitation, sampling, tracking
+from gatjax.data.finding import Finding, Level, Ranges
+from gatjax.data.recording import Recording
+from gatjax.data.trajectories import to_arrays
+
+__all__ = ["Finding", "Role", "findings", "same_data", "summary"]
+
+Role: TypeAlias = Literal["fit", "held-out"]
+
+GRAVEST = ("refuse", "warning", "info")
+COPIED = 50  # rows in a row that two recordings cannot share by chance
+MOVED = 0.01  # rad that a joint must move in them
+
+
+def findings(recording: Recording, ranges: Ranges, role: Role) -> list[Finding]:
+    """Looks a recording over.
+
+    Args:
+        recording: passed `check_recording`.
+        ranges: limits of every joint, rad; infinite ends for a joint without limits.
+        role: what the file is for. Too little motion is refused for "fit" and only a
+            warning for "held-out".
+
+    Returns:
+        Findings in the order of the checks; the caller obeys level "refuse".
+    """
+    joints = [c[8:] for c in recording.columns if c.startswith("command.")]
+    runs = to_arrays(recording, joints)
+    position = {joint: recording.columns[f"position.{joint}"] for joint in joints}
+    steps = {joint: sampling.encoder_step(position[joint]) for joint in joints}
+    noise = {joint: sampling.noise_of(position[joint]) for joint in joints}
+    moves = excitation.moves_of(runs, joints, steps)
+    poor: Level = "refuse" if role == "fit" else "warning"
+    found = [
+        *sampling.check_rate(recording, runs),
+        *sampling.check_gaps(recording, runs),
+        *sampling.check_resolution(recording, steps, noise),
+        *sampling.check_units(recording, ranges),
+        *excitation.check_columns(recording, moves),
+        *excitation.check_limits(recording, ranges),
+        *excitation.check_saturation(recording, runs, joints, ranges),
+        *excitation.check_excitation(recording, runs, moves, poor),
+        *excitation.check_coverage(recording, moves, ranges),
+        *excitation.check_rest(recording, runs),
+        *excitation.check_start(recording, runs, joints),
+    ]
+    if any(each.check == "rate" and each.level == "refuse" for each in found):
+        return found
+    return [
+        *found,
+        *tracking.check_tracking(recording, runs, joints),
+        *tracking.check_repeats(recording, runs, joints),
+    ]
+
+
+def summary(
+    checked: Sequence[tuple[Recording, Sequence[Finding]]],
+) -> list[dict[str, str]]:
+    """The findings of several files as `data_checks` of diagnosis.json.
+
+    Returns:
+        A dict with file, level, check and text for each, the gravest first.
+    """
+    rows = [
+        {"file": recording.name, "level": f.level, "check": f.check, "text": f.text}
+        for recording, own in checked
+        for f in own
+    ]
+    return sorted(rows, key=lambda row: GRAVEST.index(row["level"]))
+
+
+def same_data(fit: Sequence[Recording], held: Sequence[Recording]) -> str | None:
+    """Finds measured rows that fit and held-out files share, whatever their names.
+
+    Compared are the positions of 50 rows in a row, to 0.1 mrad and without their time;
+    not those at rest, in which two recordings can be equal by chance.
+
+    Returns:
+        One line that says where, or None if no rows are shared.
+    """
+    for there in held:
+        for here in fit:
+            columns = [c for c in here.columns if c in there.columns]
+            columns = [c for c in columns if c.startswith("position.")]
+            shared = _shared_rows(here, there, columns) if columns else None
+            if shared is not None:
+                first, last = shared
+                return (
+                    f"{there.name}: rows {first + 1} to {last + 1} are also in "
+                    f"{here.name}; a gain on data that was fitted proves nothing, "
+                    f"hold out a recording of another motion"
+                )
+    return None
+
+
+def _shared_rows(
+    here: Recording, there: Recording, columns: Sequence[str]
+) -> tuple[int, int] | None:
+    """First and last row of `there`, from 0, that stand in `here` as well."""
+    table = [np.stack([r.columns[c] for c in columns], -1) for r in (here, there)]
+    both = np.round(np.concatenate(table).astype(np.float32), 4)
+    _, ids = np.unique(both, axis=0, return_inverse=True)
+    length = min(COPIED, len(here.time), len(there.time))
+    split = len(here.time)
+    windows = [
+        np.lib.stride_tricks.sliding_window_view(part, length)
+        for part in (ids[:split].ravel(), ids[split:].ravel())
+    ]
+    known = {window.tobytes() for window in windows[0]}
+    found = [
+        row
+        for row, window in enumerate(windows[1])
+        if window.tobytes() in known
+        and np.ptp(table[1][row : row + length], axis=0).max() > MOVED
+    ]
+    return (found[0], found[-1] + length - 1) if found else None

@@ -1,0 +1,136 @@
+"""Checks of how a recording was sampled: rate, gaps, encoder step, noise, units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from gatjax.data.finding import DEGREES, Finding, Ranges, angle, cell
+from gatjax.data.recording import Recording
+from gatjax.data.trajectories import GAP, RATE_TOLERANCE, JointRun
+
+SLOWEST, FASTEST = 1.0, 1e-4  # s, no log of a servo has periods outside of these
+SLOW = 0.05  # s, the longest period that delays and reversals can be seen with
+COARSE = 0.01  # rad, half a degree: coarser steps hide most effects
+CALM = 16  # samples that noise is measured over at a time
+OUTSIDE = 0.2  # of the joint's range: further outside it is a unit, not a slip
+
+
+def check_rate(recording: Recording, runs: Sequence[JointRun]) -> list[Finding]:
+    """Sampling period, its jitter, and whether it can be in seconds at all."""
+    steps = np.concatenate([np.diff(run.time) for run in runs])
+    if steps.size == 0:
+        text = "one row in every trajectory; give the rows of a run the same number"
+        return [Finding("refuse", "rate", f"{recording.name}: {text}", {})]
+    period = float(np.median(steps))
+    jitter = float(np.median(np.abs(steps - period)) * 1.4826)  # normal: one sigma
+    values = {"period": period, "jitter": jitter}
+    head = f"{recording.name}: column 'time': a row every"
+    if not FASTEST <= period <= SLOWEST:
+        like = "milliseconds" if period > SLOWEST else "something else than seconds"
+        text = f"{head} {period:.3g} s looks like {like}; use a map with time: {{unit:"
+        return [Finding("refuse", "rate", f"{text} ms}}", values)]
+    text = f"{head} {1e3 * period:.4g} ms ({1.0 / period:.4g} Hz), jitter "
+    text += f"{1e3 * jitter:.2g} ms"
+    stated = recording.metadata.get("rate_hz")
+    if period > SLOW:
+        text += "; too slow to see delays and reversals, log at 50 Hz or faster"
+        return [Finding("warning", "rate", text, values)]
+    if stated and abs(period * float(stated) - 1.0) > RATE_TOLERANCE:
+        text += f"; the metadata says {float(stated):.4g} Hz, mend one of the two"
+        return [Finding("warning", "rate", text, values)]
+    return [Finding("info", "rate", text, values)]
+
+
+def check_gaps(recording: Recording, runs: Sequence[JointRun]) -> list[Finding]:
+    """Steps of time of more than one and a half periods."""
+    steps = np.concatenate([np.diff(run.time) for run in runs])
+    if steps.size == 0:
+        return []
+    period = float(np.median(steps))
+    wide = [
+        (run, row, float(step))
+        for run in runs
+        for row, step in enumerate(np.diff(run.time))
+        if step > (1.0 + GAP) * period
+    ]
+    if not wide:
+        return []
+    run, row, step = wide[0]
+    rows = np.flatnonzero(recording.trajectory == run.trajectory)
+    longest = max(each[2] for each in wide)
+    text = (
+        f"{cell(recording, rows[row + 1], 'time')}: {step:.3g} s after the row "
+        f"before; {len(wide)} such gaps, the longest of {longest / period:.1f} "
+        f"periods; commands sent meanwhile are unknown, give the rows after it a new "
+        f"trajectory"
+    )
+    values = {"gaps": float(len(wide)), "longest": longest}
+    return [Finding("warning", "gaps", text, values)]
+
+
+def check_resolution(
+    recording: Recording, steps: Mapping[str, float], noise: Mapping[str, float]
+) -> list[Finding]:
+    """Encoder step and noise, the worst joint in words."""
+    found = []
+    for check, size in (("encoder step", steps), ("noise", noise)):
+        joint = max(size, key=lambda each: size[each])
+        text = f"{recording.name}: column 'position.{joint}' has the largest {check}"
+        text += f": {angle(size[joint])}"
+        coarse = size[joint] > COARSE
+        if coarse:
+            text += "; what it hides cannot be named, smaller effects stay unseen"
+        level = "warning" if coarse else "info"
+        found.append(Finding(level, check, text, dict(size)))
+    return found
+
+
+def check_units(recording: Recording, ranges: Ranges) -> list[Finding]:
+    """Angles below a full turn that only make sense as degrees."""
+    found = []
+    for column, values in recording.columns.items():
+        family, _, joint = column.partition(".")
+        low, high = ranges.get(joint, (-np.inf, np.inf))
+        if family not in ("command", "position") or not np.isfinite([low, high]).all():
+            continue
+        slack = OUTSIDE * (high - low)
+        out = np.flatnonzero((values > high + slack) | (values < low - slack))
+        turned = values / DEGREES
+        fits = bool(np.all((turned > low - slack) & (turned < high + slack)))
+        if out.size > OUTSIDE * values.size and fits:
+            text = (
+                f"{cell(recording, out[0], column)}: {values[out[0]]:.3g} rad with "
+                f"joint limits {low:.3g} and {high:.3g} rad looks like degrees; use a "
+                f"map with unit: deg"
+            )
+            largest = float(np.max(np.abs(values)))
+            found.append(Finding("refuse", "units", text, {joint: largest}))
+    return found
+
+
+def encoder_step(values: np.ndarray) -> float:
+    """Step, rad, that all readings [N] are apart by whole numbers of; 0 if none is."""
+    apart = np.diff(np.unique(values))
+    apart = apart[apart > 1e-9]
+    if apart.size < 2:
+        return 0.0
+    step = float(np.min(apart))
+    whole = apart / step
+    fits = np.abs(whole - np.round(whole)) < 0.02 * np.maximum(whole, 1.0)
+    return step if fits.mean() > 0.95 and apart.size < 0.9 * values.size else 0.0
+
+
+def noise_of(values: np.ndarray) -> float:
+    """Noise, rad, of a reading [N], from the calmer quarter of its second differences.
+
+    White noise of size s has second differences of size s sqrt(6); motion adds to
+    them, so the calm parts count.
+    """
+    bend = np.diff(values, 2) / np.sqrt(6.0)
+    count = len(bend) // CALM
+    if count == 0:
+        return float(np.std(bend)) if bend.size else 0.0
+    parts = bend[: CALM * count].reshape(count, CALM)
+    return float(np.quantile(np.sqrt(np.mean(np.square(parts), axis=1)), 0.25))

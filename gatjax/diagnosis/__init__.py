@@ -1,0 +1,1 @@
+"""Recordings to named causes, to an extended World and its measured gain."""

@@ -1,0 +1,167 @@
+"""A diagnosis case: the model, the runs and every joint made ready for simulation."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+
+from gatjax.data.trajectories import JointRun
+from gatjax.diagnosis import joint as joints
+from gatjax.diagnosis import loads as weights
+from gatjax.diagnosis import motion as motions
+from gatjax.diagnosis import search
+from gatjax.diagnosis.fit import Fit
+from gatjax.diagnosis.hypotheses import numbers
+from gatjax.diagnosis.joint import STEP, Joint
+from gatjax.robot.model import joint_names
+
+THREADS = os.cpu_count() or 1
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Case:
+    """What a diagnosis starts from; `healthy` are the fits of tolerances alone."""
+
+    model: mujoco.MjModel
+    tree: weights.Tree
+    runs: list[JointRun]
+    joints: list[Joint]
+    motions: list[motions.Motion]
+    loads: list[weights.Loads]
+    healthy: list[Fit]
+
+    @property
+    def supply(self) -> float:
+        """Largest sum of all servo torques in the runs, N m."""
+        total = joints.supply_load(self.model, self.tree, self.motions, self.loads)
+        return max(float(series.max()) for series in total)
+
+    def commands(self, joint: int) -> list[np.ndarray]:
+        """Commands of a joint, per run [N] rad."""
+        return [run.command[:, joint] for run in self.runs]
+
+    def moved_by(self, joint: int) -> list[int]:
+        """Joints whose bodies a joint moves, itself first."""
+        parents = self.model.body_parentid
+        found = []
+        for other, body in enumerate(self.tree.body):
+            while body and body != self.tree.body[joint]:
+                body = parents[body]
+            if body:
+                found.append(other)
+        return sorted(found, key=lambda other: other != joint)
+
+    def carrying(self, joint: int, other: int) -> Joint:
+        """A joint whose body terms belong to the body of another joint."""
+        if joint == other:
+            return self.joints[joint]
+        time = motions.grid_time(self.runs, STEP)
+        few = self.motions[0].time[:: weights.COARSE]
+        grid = self.joints[joint].grid
+        first, last = weights.TERMS, weights.TERMS + len(weights.BODY_TERMS)
+        parts = []
+        for kind, terms in enumerate((grid.rest_terms, grid.inertia_terms)):
+            columns = [
+                motions.spread(time, few, load.bodies[kind, :, joint, other])
+                for load in self.loads
+            ]
+            series = jnp.asarray(np.stack(columns, 1), jnp.float32)
+            parts.append(terms.at[..., first:last].set(series))
+        changed = grid._replace(rest_terms=parts[0], inertia_terms=parts[1])
+        return self.joints[joint]._replace(grid=changed)
+
+
+def prepare(
+    model: mujoco.MjModel,
+    runs: list[JointRun],
+    tell: Callable[[str, float], None],
+    seed: int = 0,
+) -> Case:
+    """Smooth the motions, weigh the bodies along them, fit the tolerances.
+
+    Args:
+        model: with position servos on hinge or slide joints, its base fixed.
+        runs: trajectories of all actuated joints.
+        tell: is called with a stage and the share of it that is done.
+        seed: of the perturbed bodies.
+    """
+    tree = weights.Tree(model, model.actuator_trnid[:, 0])
+    fine = motions.grid_time(runs, STEP)[:: motions.FINE]
+    moved = [motions.smoothed(run, run.angle, fine) for run in runs]
+    others = perturbations(model, seed)
+    loads = [weights.weigh(tree, motion, others) for motion in moved]
+    ready = joints.build(model, tree, joint_names(model), runs, moved, loads)
+    case = Case(
+        model=model, tree=tree, runs=runs, joints=ready, motions=moved, loads=loads,
+        healthy=_healthy(ready, tell),
+    )  # fmt: skip
+    if len(ready) > 1:
+        case = along(case, ready, case.healthy, seed)
+        again = _healthy(case.joints, tell, [fit.x for fit in case.healthy])
+        case = dataclasses.replace(case, healthy=again)
+    return case
+
+
+def _healthy(
+    ready: list[Joint], tell: Callable[[str, float], None],
+    starts: list[np.ndarray] | None = None,
+) -> list[Fit]:  # fmt: skip
+    """Fits of the tolerances alone, joints in parallel."""
+    done = itertools.count(1)
+
+    def one(joint: Joint) -> Fit:
+        fit = search.healthy(joint, starts[joint.index] if starts else None)
+        tell("tolerances", next(done) / len(ready))
+        return fit
+
+    with ThreadPoolExecutor(THREADS) as pool:
+        return list(pool.map(one, ready))
+
+
+def along(case: Case, known: list[Joint], fits: list[Fit], seed: int = 0) -> Case:
+    """The same case with loads along the motion that fits of its joints simulate.
+
+    Args:
+        case: with loads along another motion; its healthy fits stay as they are.
+        known: the joints as the fits simulate them.
+        fits: one for each joint.
+        seed: of the perturbed bodies.
+    """
+    moved = _resimulated(case.runs, known, fits)
+    others = perturbations(case.model, seed)
+    loads = [weights.weigh(case.tree, motion, others) for motion in moved]
+    names = joint_names(case.model)
+    ready = joints.build(case.model, case.tree, names, case.runs, moved, loads)
+    return dataclasses.replace(case, joints=ready, motions=moved, loads=loads)
+
+
+def perturbations(model: mujoco.MjModel, seed: int) -> list[mujoco.MjModel]:
+    """Models whose bodies and mounting are drawn from the tolerances."""
+    draw = np.random.default_rng(seed)
+    return [weights.perturbed(model, draw) for _ in range(weights.DRAWS)]
+
+
+def _resimulated(
+    runs: list[JointRun], ready: list[Joint], fits: list[Fit]
+) -> list[motions.Motion]:
+    """Motions of the fitted joints, corrected by what the fits leave."""
+    angles, rests = [], []
+    for joint, fit in zip(ready, fits, strict=True):
+        geared = fit.hypothesis is not None and fit.hypothesis.geared
+        drive = numbers(joint, fit.hypothesis, fit.x)
+        outcome = joint.outcome([drive], geared)
+        angles.append(np.asarray(outcome.angle)[:: motions.FINE, :, 0])
+        rests.append(joint.measured - np.asarray(outcome.readings)[..., 0])
+    fine = motions.grid_time(runs, STEP)[:: motions.FINE]
+    fast, rest = np.stack(angles, -1), np.stack(rests, -1)
+    return [
+        motions.simulated(run, fine, fast[:, k], rest[k, : len(run.time)])
+        for k, run in enumerate(runs)
+    ]

@@ -1,0 +1,61 @@
+"""Claims: a cause at one or several joints, and what it explains, in nats."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from gatjax.diagnosis.fit import Fit
+from gatjax.diagnosis.hypotheses import Hypothesis
+
+PRICE = 2.0  # nats for each coordinate of a cause
+PLACE = 1.0  # nats for each joint that is named by itself
+WORTH = 12.0  # nats: a claim below is no finding
+SHARED = (
+    "command_delay", "measurement_delay", "first_order_lag", "gain_error",
+    "damping_error", "clock_drift", "gravity_tilt", "command_quantization",
+    "encoder_scale", "viscous_friction", "coulomb_friction", "dead_band", "backlash",
+    "speed_limit", "torque_limit", "supply_sag",
+)  # fmt: skip
+WHOLE = ("gravity_tilt", "supply_sag", "clock_drift")
+BODY = ("payload", "com_shift")
+REPEATED = 8.0
+
+
+class Claim(NamedTuple):
+    """A cause with its coordinates at some joints, beside what was known before."""
+
+    hypothesis: Hypothesis
+    own: np.ndarray  # coordinates of the cause
+    where: tuple[int, ...]
+    fits: dict[int, Fit]  # of the joints that bear it out
+    gain: float  # nats over the explanation before
+    body: int | None = None  # joint whose body it changes
+    lost: dict[int, list[np.ndarray]] | None = None  # lost commands, per run
+    covariance: np.ndarray | None = None  # of the coordinates
+
+
+def uncertainty(free: list[Fit], count: int) -> np.ndarray | None:
+    """Covariance [count, count] of coordinates that fits of several joints share.
+
+    The fits take residuals as independent; they are so every CORRELATED seconds only,
+    which REPEATED samples stand for.
+    """
+    total = np.zeros((count, count))
+    for fit in free:
+        covariance = np.linalg.pinv(fit.information)[-count:, -count:]
+        scale = REPEATED * max(fit.cost / len(fit.residual), 0.3)
+        total += np.linalg.pinv(covariance * scale)
+    return np.linalg.pinv(total) if count and free else None
+
+
+def shared_value(free: list[Fit], count: int) -> np.ndarray:
+    """The value [count] that fits of one cause agree on, weighted by information."""
+    total, right = 1e-9 * np.eye(count), np.zeros(count)
+    for fit in free:
+        covariance = np.linalg.pinv(fit.information)[-count:, -count:]
+        weight = np.linalg.pinv(covariance) / max(fit.cost / len(fit.residual), 0.5)
+        total += weight
+        right += weight @ fit.x[-count:]
+    return np.linalg.solve(total, right)

@@ -1,0 +1,211 @@
+"""The whole diagnosis: logs in, a folder with the verdict out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+from pyarrow import parquet
+
+from gatjax.data.recording import Recording
+from gatjax.data.trajectories import JointRun, to_arrays
+from gatjax.diagnosis import experiment, extend, measure, result
+from gatjax.diagnosis.case import prepare
+from gatjax.diagnosis.measure import Errors
+from gatjax.diagnosis.verdict import Verdict, decide
+from gatjax.robot import model as robot_model
+from gatjax.runs import write_json
+from gatjax.sim import world as worlds
+from gatjax.sim.world import World
+from gatjax.task import Task
+
+Tell = Callable[[str, float], None]
+RATES = (100.0, 250.0 / 3.0, 50.0)
+
+
+class Logs(NamedTuple):
+    """Recordings of one role, and their trajectories."""
+
+    recordings: list[Recording]
+    runs: list[JointRun]
+
+
+def read(recordings: list[Recording], joints: tuple[str, ...]) -> Logs:
+    """Cut recordings into runs of the model's joints."""
+    runs = [run for recording in recordings for run in to_arrays(recording, joints)]
+    return Logs(recordings, runs)
+
+
+def control_period(runs: list[JointRun]) -> float:
+    """Period of the logs, s: the nominal one if a common rate is near."""
+    period = float(np.median(np.concatenate([np.diff(run.time) for run in runs])))
+    near = [1.0 / rate for rate in RATES if abs(rate * period - 1.0) < 0.02]
+    return near[0] if near else round(period, 3)
+
+
+def diagnose(
+    source: str, fit: list[Recording], held: list[Recording], out: Path, seed: int,
+    tell: Tell,
+) -> dict[str, Any]:  # fmt: skip
+    """Show, name, extend and measure; write the folder.
+
+    Args:
+        source: model file (MJCF).
+        fit: recordings to explain.
+        held: recordings that only measure the gain; may be empty.
+        out: folder for diagnosis.json, signals.parquet, world.json, extended.xml.
+        seed: of everything that is drawn.
+        tell: is called with a stage and the share of it that is done.
+
+    Returns:
+        What diagnosis.json says.
+    """
+    began = time.monotonic()
+    model = robot_model.load(source)
+    joints = robot_model.joint_names(model)
+    logs, unseen = read(fit, joints), read(held, joints)
+    case = prepare(model, logs.runs, tell, seed)
+    verdict = decide(case, tell)
+    tell("extend", 0.0)
+    period = control_period(logs.runs)
+    nominal = worlds.nominal(Task(control_period=period), source)
+    world = extend.extended(verdict, source, period)
+    out.mkdir(parents=True, exist_ok=True)
+    rows = [result.cause_row(verdict, cause, seed) for cause in verdict.causes]
+    tell("measure", 0.0)
+    pairs = {name: _predicted(w, logs, unseen) for name, w in
+             (("nominal", nominal), ("extended", world))}  # fmt: skip
+    gain = _gain(nominal, world, logs, unseen, pairs, case, seed) if held else None
+    _write_signals(out / "signals.parquet", joints, logs, unseen, pairs, verdict)
+    made_by = {"verb": "diagnose", "seed": seed}
+    worlds.write_world(out / "world.json", world, made_by, None)
+    lacking = extend.write_model(out / "extended.xml", world)
+    text = {
+        "schema": result.SCHEMA,
+        "verdict": verdict.verdict,
+        "sentence": result.sentence(verdict, rows),
+        "causes": rows,
+        "unexplained": result.unexplained(verdict),
+        "gain": gain,
+        "robot": fit[0].metadata.get("robot", model.names.split(b"\0")[0].decode()),
+        "files": {"fit": [r.name for r in fit], "held_out": [r.name for r in held]},
+        "joints": result.joint_rows(verdict),
+        "calibration": result.calibration_rows(verdict),
+        "candidates": result.candidates(verdict),
+        "not_expressible": lacking,
+        "next_experiment": experiment.propose(verdict, source, period, seed),
+        "seconds": round(time.monotonic() - began, 1),
+    }
+    write_json(out / "diagnosis.json", text)
+    return text
+
+
+def _predicted(world: World, logs: Logs, unseen: Logs) -> tuple[list, list]:
+    """Open-loop predictions of the fit and the held-out runs."""
+    both = measure.whole_log(world, [*logs.runs, *unseen.runs])
+    return both[: len(logs.runs)], both[len(logs.runs) :]
+
+
+def _gain(
+    nominal: World, world: World, logs: Logs, unseen: Logs, pairs: dict,
+    case: Any, seed: int,
+) -> dict[str, Any]:  # fmt: skip
+    """Errors on the held-out runs, before and after, at all horizons."""
+    period = nominal.task.control_period
+    forward = measure.learn(logs.runs, seed)
+    cut = measure.windows(unseen.runs, period)
+    played = {
+        "before": measure.windowed(nominal, cut, period),
+        "after": measure.windowed(world, cut, period),
+        "learned": measure.learned_windows(forward, cut, period),
+    }
+    whole = {
+        "before": measure.log_errors(unseen.runs, pairs["nominal"][1]),
+        "after": measure.log_errors(unseen.runs, pairs["extended"][1]),
+        "learned": measure.log_errors(
+            unseen.runs, measure.learned_log(forward, unseen.runs)
+        ),
+    }
+    horizons = []
+    for horizon in measure.HORIZONS:
+        errors = whole if horizon is None else {
+            name: measure.window_errors(cut, rows, horizon, period)
+            for name, rows in played.items()
+        }  # fmt: skip
+        told = period if horizon == 0.0 else horizon
+        horizons += _rows(told, errors, [j.name for j in case.joints], seed)
+    first = horizons[0]
+    learnable = first["before"] - first["learned"]
+    return {
+        "metric": "position rmse", "unit": "rad", **{
+            key: first[key] for key in ("before", "after", "low", "high")
+        },
+        "noise_floor": float(np.sqrt(np.mean([j.noise**2 for j in case.joints]))),
+        "learned_ceiling": first["learned"],
+        "learned_share": (first["before"] - first["after"]) / learnable
+        if learnable > 0.0 else None,
+        "promoted": bool(first["low"] > 0.0),
+        "horizons": horizons,
+    }  # fmt: skip
+
+
+def _rows(
+    horizon: float | None, errors: dict[str, Errors], joints: list[str], seed: int
+) -> list[dict[str, Any]]:
+    """Rows of one horizon: all joints together, then each."""
+    rows = []
+    for index, name in [(None, "all"), *enumerate(joints)]:
+        low, high = measure.interval(errors["before"], errors["after"], index, seed)
+        pick = slice(None) if index is None else index
+        values = {
+            key: float(np.sqrt(error.squared[:, pick].mean()))
+            for key, error in errors.items()
+        }
+        rows.append(
+            {"horizon_s": horizon, "joint": name, **values, "low": low, "high": high}
+        )
+    return rows
+
+
+def _write_signals(
+    path: Path, joints: tuple[str, ...], logs: Logs, unseen: Logs, pairs: dict,
+    verdict: Verdict,
+) -> None:  # fmt: skip
+    """Write what the report draws: measured, nominal and extended, row by row."""
+    runs = [*logs.runs, *unseen.runs]
+    nominal = [*pairs["nominal"][0], *pairs["nominal"][1]]
+    extended = [*pairs["extended"][0], *pairs["extended"][1]]
+    columns: dict[str, np.ndarray] = {
+        "time": np.concatenate([run.time for run in runs]),
+        "trajectory": np.concatenate(
+            [np.full(len(run.time), k) for k, run in enumerate(runs)]
+        ),
+        "part": np.concatenate(
+            [
+                np.full(len(run.time), int(k >= len(logs.runs)))
+                for k, run in enumerate(runs)
+            ]
+        ),
+    }
+    case = verdict.judge.case
+    for j, name in enumerate(joints):
+        load = [
+            np.interp(run.time - run.time[0], motion.time, weight.nominal.rest[:, j])
+            for run, motion, weight in zip(
+                case.runs, case.motions, case.loads, strict=True
+            )
+        ]
+        load += [np.full(len(run.time), np.nan) for run in unseen.runs]
+        parts = {
+            "command": [run.command[:, j] for run in runs],
+            "measured": [run.angle[:, j] for run in runs],
+            "nominal": [rows[:, j] for rows in nominal],
+            "extended": [rows[:, j] for rows in extended],
+            "load": load,
+        }
+        columns |= {f"{key}.{name}": np.concatenate(v) for key, v in parts.items()}
+    parquet.write_table(pa.table(columns), path)

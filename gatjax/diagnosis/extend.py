@@ -1,0 +1,168 @@
+"""From a verdict to a World: the named causes, and the tolerances fitted beside them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from gatjax.diagnosis.claims import Claim
+from gatjax.diagnosis.hypotheses import COUNT, RELATIVE, TOLERANCES, numbers
+from gatjax.diagnosis.verdict import Verdict
+from gatjax.effects.catalogue import CATALOGUE
+from gatjax.sim import world as worlds
+from gatjax.sim.world import World
+from gatjax.task import Task
+
+TIMESTEP = 5e-4  # s: a position servo's angle is off by its motion in half a step
+LEAST = 0.25  # of its tolerance: a smaller correction is left out
+Row = dict[str, Any]
+
+
+def parameters(verdict: Verdict, claim: Claim) -> dict[str, float]:
+    """A claim's parameters under the catalogue's names, SI; the scored one first."""
+    case = verdict.judge.case
+    index = claim.where[0]
+    if claim.lost:
+        commands = {k: case.commands(k) for k in claim.lost}
+        lost = sum(int(m.sum()) for masks in claim.lost.values() for m in masks)
+        told = sum(
+            int(np.sum(np.abs(np.diff(c)) > 1e-6))
+            for cs in commands.values()
+            for c in cs
+        )
+        bursts = sum(
+            int(np.sum(np.diff(m.astype(int)) > 0))
+            for masks in claim.lost.values() for m in masks
+        )  # fmt: skip
+        return {
+            "probability": lost / max(told, 1),
+            "burst": max(lost / max(bursts, 1), 1.0),
+        }
+    joint = verdict.judge.joints[index]
+    values = claim.hypothesis.values(joint, claim.own)
+    return {name: float(value) for name, value in values.items()}
+
+
+def world_values(verdict: Verdict, claim: Claim) -> dict[str, float]:
+    """A claim's parameters as the World's effect takes them."""
+    values = parameters(verdict, claim)
+    cause, nominal = (
+        claim.hypothesis.cause,
+        verdict.judge.joints[claim.where[0]].nominal,
+    )
+    if cause == "speed_limit":
+        on_motor = "no_torque_speed" in values
+        limit = values.get("no_torque_speed", values["limit"])
+        return {"limit": limit, "on_motor": float(on_motor)}
+    if cause == "thermal_derating":
+        heat = values["lost_fraction"] * nominal["limit"] ** 2 / np.exp(claim.own[0])
+        return values | {"heat": float(max(heat, 1e-6))}
+    if cause == "supply_sag":
+        return values | {"total": verdict.judge.case.supply}
+    if cause == "backlash" or cause == "joint_elasticity":
+        return values | {"link_share": 0.0}
+    return values
+
+
+def places(verdict: Verdict, claim: Claim) -> list[str]:
+    """Names of the joints of a claim, or ["all"]."""
+    joints = verdict.judge.joints
+    if CATALOGUE[claim.hypothesis.cause].place == "all":
+        return ["all"]
+    if len(claim.where) == len(joints) > 1:
+        return ["all"]
+    return [joints[k].name for k in claim.where]
+
+
+def calibration(verdict: Verdict) -> list[Row]:
+    """Corrections of nominal numbers within their tolerances, as rows of a world."""
+    rows: list[Row] = []
+    for joint, fit in zip(verdict.judge.joints, verdict.judge.known, strict=True):
+        x = dict(zip(TOLERANCES, fit.x[:COUNT], strict=True))
+        drive = joint.nominal | numbers(joint, None, fit.x[:COUNT])
+        changes: dict[str, tuple[str, dict[str, float]]] = {
+            "kp": ("gain_error", {"scale": float(drive["kp"] / joint.nominal["kp"])}),
+            "kv": ("damping_error", {"scale": float(np.exp(RELATIVE["kv"] * x["kv"]))}),
+            "damping": (
+                "viscous_friction",
+                {"coefficient": drive["damping"] - joint.nominal["damping"]},
+            ),
+            "friction": (
+                "coulomb_friction",
+                {"torque": drive["friction"] - joint.nominal["friction"]},
+            ),
+            "armature": (
+                "armature", {"inertia": drive["armature"] - joint.nominal["armature"]}
+            ),
+            "zero_out": ("encoder_offset", {"offset": float(drive["zero_out"])}),
+        }  # fmt: skip
+        for name, (cause, values) in changes.items():
+            if abs(x[name]) > LEAST:
+                rows.append(
+                    {"cause": cause, "where": [joint.name], "values": values,
+                     "role": "calibration"}
+                )  # fmt: skip
+        rows.append(
+            {"cause": "command_delay", "where": [joint.name],
+             "values": {"delay": float(drive["delay"])}, "role": "calibration"}
+        )  # fmt: skip
+    return rows
+
+
+def extended(verdict: Verdict, source: str | Path, period: float) -> World:
+    """The nominal world with the verdict's causes and calibration.
+
+    Args:
+        verdict: of the diagnosis.
+        source: model file.
+        period: control period, s.
+    """
+    step = period / np.ceil(period / TIMESTEP)
+    world = worlds.nominal(Task(control_period=period), source, float(step))
+    for cause in verdict.causes:
+        claim = cause.claim
+        where = places(verdict, claim)
+        values = world_values(verdict, claim)
+        world = worlds.add_cause(world, claim.hypothesis.cause, where, values)
+    for row in calibration(verdict):
+        world = worlds.add_cause(
+            world, row["cause"], row["where"], row["values"], row["role"]
+        )
+    return world
+
+
+def write_model(path: Path, world: World) -> list[str]:
+    """Write what plain MJCF can express of a world; return what it cannot.
+
+    Args:
+        path: of the new MJCF file.
+        world: with a model file as its source.
+    """
+    spec = mujoco.MjSpec.from_file(str(world.source))
+    changed, model = worlds.fields_applied(world), world.model
+    for k in range(model.nu):
+        joint = spec.joint(model.joint(int(model.actuator_trnid[k, 0])).name)
+        dof = int(model.jnt_dofadr[model.actuator_trnid[k, 0]])
+        joint.damping[0] = float(changed.dof_damping[dof])
+        joint.frictionloss = float(changed.dof_frictionloss[dof])
+        joint.armature = float(changed.dof_armature[dof])
+        servo = spec.actuator(model.actuator(k).name)
+        servo.gainprm[:] = changed.actuator_gainprm[k]
+        servo.biasprm[:] = changed.actuator_biasprm[k]
+        servo.forcerange[:] = changed.actuator_forcerange[k]
+    for k in range(1, model.nbody):
+        body = spec.body(model.body(k).name)
+        if not np.allclose(changed.body_mass[k], model.body_mass[k]):
+            body.mass = float(changed.body_mass[k])
+        if not np.allclose(changed.body_ipos[k], model.body_ipos[k]):
+            body.ipos[:] = changed.body_ipos[k]
+    spec.option.gravity[:] = changed.opt.gravity
+    path.write_text(spec.to_xml(), encoding="utf-8")
+    return [
+        f"{row['cause']} at {', '.join(row['where'])}: {row['values']}"
+        for row in world.causes
+        if any(part.slot != "body" for part in CATALOGUE[row["cause"]].parts)
+    ]

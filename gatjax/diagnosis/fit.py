@@ -1,0 +1,177 @@
+"""Fit hypotheses to a joint: bounded Gauss-Newton with tolerances as priors.
+
+cost = |residual|^2 / spread^2 + |x_tolerances|^2, minus twice the log posterior but for
+a constant; x_tolerances lie within +-BOUND. All hypotheses of a joint advance together,
+so that one compiled simulation serves the finite differences of all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from gatjax.diagnosis.hypotheses import BOUND, COUNT, Hypothesis, numbers
+from gatjax.diagnosis.joint import Joint
+
+INFLATION = 1.5  # of the reading noise: what the best model leaves besides
+CORRELATED = 0.1  # s after which residuals are taken as independent
+FLOOR = 0.9  # of the reading noise: no fit is better
+STEP = 0.15  # of a tolerance, for the finite differences
+FAINT = 1e-6  # prior information on a cause's coordinates, against singular fits
+TRUST = 2.0  # largest change of a tolerance in one iteration
+
+
+class Fit(NamedTuple):
+    """A hypothesis at its best coordinates so far."""
+
+    hypothesis: Hypothesis | None  # None: tolerances only
+    x: np.ndarray  # [COUNT + own]
+    cost: float
+    residual: np.ndarray  # [n] rad
+    slopes: np.ndarray  # [n, COUNT + own] rad per coordinate
+    information: np.ndarray  # [P, P] inverse covariance, priors included
+    damping: float
+    settled: bool
+
+    def rms(self) -> float:
+        """Of the residual, rad."""
+        return float(np.sqrt(np.mean(np.square(self.residual))))
+
+
+def spread(joint: Joint) -> float:
+    """Standard deviation that a right model leaves, rad."""
+    return INFLATION * joint.noise
+
+
+Point = tuple[Hypothesis | None, np.ndarray]
+
+
+def residuals(joint: Joint, points: Sequence[Point]) -> np.ndarray:
+    """Residuals [n, S] of many hypotheses at many coordinates; failures are large."""
+    geared = [h is not None and h.geared for h, _ in points]
+    out = np.empty((int(joint.valid.sum()), len(points)))
+    for kind in (False, True):
+        chosen = [k for k, is_geared in enumerate(geared) if is_geared == kind]
+        if chosen:
+            drives = [numbers(joint, *points[k]) for k in chosen]
+            out[:, chosen] = joint.residual(drives, kind)
+    return np.where(np.isfinite(out), out, 10.0)
+
+
+def _cost(joint: Joint, x: np.ndarray, residual: np.ndarray) -> float:
+    return float(residual @ residual / spread(joint) ** 2 + x[:COUNT] @ x[:COUNT])
+
+
+def start(joint: Joint, points: Sequence[Point]) -> list[Fit]:
+    """Fits at their starting points."""
+    found = residuals(joint, points)
+    fits = []
+    for (hypothesis, x), residual in zip(points, found.T, strict=True):
+        cost = _cost(joint, x, residual)
+        empty = np.zeros((len(residual), len(x)))
+        square = np.eye(len(x))
+        fits.append(Fit(hypothesis, x, cost, residual, empty, square, 1e-2, False))
+    return fits
+
+
+def evidence(joint: Joint, fit: Fit) -> float:
+    """Log evidence of a fit in nats, up to a constant of the joint.
+
+    The misfit is noise of unknown size, independent every CORRELATED seconds (the size
+    integrated out, Bretthorst 1988, eq. 3.17): a fit gains by the ratio of residuals, so
+    a small modelling error beside a large effect does not look certain.
+    """
+    period = np.diff(joint.time, axis=1)[joint.valid[:, 1:]].mean()
+    count = joint.valid.sum() * period / CORRELATED
+    level = max(fit.rms() / joint.noise, FLOOR)
+    spare = fit.x[:COUNT] @ fit.x[:COUNT]
+    return float(-count * np.log(level) - 0.5 * spare)
+
+
+def bounds(hypothesis: Hypothesis | None) -> tuple[np.ndarray, np.ndarray]:
+    """Least and largest coordinates."""
+    low, high = np.full(COUNT, -BOUND), np.full(COUNT, BOUND)
+    if hypothesis is None:
+        return low, high
+    return np.append(low, hypothesis.low), np.append(high, hypothesis.high)
+
+
+def _differences(hypothesis: Hypothesis | None) -> np.ndarray:
+    own = hypothesis.steps if hypothesis else ()
+    return np.append(np.full(COUNT, STEP), own)
+
+
+def linearised(joint: Joint, fits: list[Fit]) -> list[Fit]:
+    """Finite-difference slopes of all fits, in one batch."""
+    points: list[Point] = []
+    steps = []
+    for fit in fits:
+        _, high = bounds(fit.hypothesis)
+        step = _differences(fit.hypothesis)
+        step = np.where(fit.x + step > high, -step, step)
+        steps.append(step)
+        points += [(fit.hypothesis, fit.x + row) for row in np.diag(step)]
+    found = residuals(joint, points)
+    out, first = [], 0
+    for fit, step in zip(fits, steps, strict=True):
+        columns = found[:, first : first + len(step)]
+        first += len(step)
+        slopes = (columns - fit.residual[:, None]) / step
+        information = slopes.T @ slopes / spread(joint) ** 2
+        information += np.diag(np.where(np.arange(len(step)) < COUNT, 1.0, FAINT))
+        out.append(fit._replace(slopes=slopes, information=information))
+    return out
+
+
+def _step(joint: Joint, fit: Fit, damping: float) -> np.ndarray:
+    """Next coordinates: damped Gauss-Newton, coordinates at a bound held there."""
+    gradient = fit.slopes.T @ fit.residual / spread(joint) ** 2
+    gradient[:COUNT] += fit.x[:COUNT]
+    low, high = bounds(fit.hypothesis)
+    trust = np.append(np.full(COUNT, TRUST), 0.25 * (high - low)[COUNT:])
+    free = np.ones(len(gradient), bool)
+    x = fit.x
+    for _ in range(3):
+        matrix = fit.information[np.ix_(free, free)]
+        diagonal = np.diag(np.diag(matrix)) * damping + 1e-9 * np.eye(len(matrix))
+        move = np.zeros(len(gradient))
+        move[free] = -np.linalg.solve(matrix + diagonal, gradient[free])
+        x = fit.x + np.clip(move, -trust, trust)
+        outside = free & ((x < low) | (x > high))
+        if not outside.any():
+            break
+        free &= ~(outside & ((fit.x <= low + 1e-9) | (fit.x >= high - 1e-9)))
+    return np.clip(x, low, high)
+
+
+def improve(joint: Joint, fits: list[Fit], iterations: int) -> list[Fit]:
+    """Advance all fits by some Gauss-Newton iterations; settled ones rest."""
+    for _ in range(iterations):
+        active = [k for k, fit in enumerate(fits) if not fit.settled]
+        if not active:
+            break
+        moving = linearised(joint, [fits[k] for k in active])
+        factors = (0.0, 1.0, 30.0)
+        trials = [_step(joint, f, f.damping * c) for f in moving for c in factors]
+        owners = [f.hypothesis for f in moving for _ in factors]
+        found = residuals(joint, list(zip(owners, trials, strict=True)))
+        for place, (k, fit) in enumerate(zip(active, moving, strict=True)):
+            options = [
+                (_cost(joint, trials[i], found[:, i]), i)
+                for i in range(3 * place, 3 * place + 3)
+            ]
+            cost, best = min(options)
+            gain = fit.cost - cost
+            if gain > 0.0:
+                damping = max(1e-4, fit.damping * (0.3 if best % 3 < 2 else 3.0))
+                fits[k] = fit._replace(
+                    x=trials[best], cost=cost, residual=found[:, best],
+                    damping=damping, settled=gain < 0.3,
+                )  # fmt: skip
+            else:
+                fits[k] = fit._replace(
+                    damping=fit.damping * 30.0, settled=fit.damping > 1e3
+                )
+    return fits

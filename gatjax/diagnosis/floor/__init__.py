@@ -1,0 +1,1 @@
+"""Standing robots: loads from full simulations, and causes that only they show."""

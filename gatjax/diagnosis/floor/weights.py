@@ -1,0 +1,220 @@
+"""What each joint of a standing robot carries, from full simulations.
+
+A joint obeys inertia_j q''_j + rest_j + slope_j (q_j - path_j) = servo torque - damping
+q'_j - dry friction, as in `gatjax.diagnosis.loads`, but here inertia and slope are what
+the joint sees of a body that gives way (`reaction`), and rest is what is left of the
+simulated servo torques: base, contacts and the closed chain of two feet are in it. Along
+the simulated motion, the equation holds exactly.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from gatjax.data.trajectories import JointRun
+from gatjax.diagnosis.floor.played import LIFT, SETTLE, Rows
+from gatjax.diagnosis.floor.reaction import Frame
+from gatjax.diagnosis.floor.tolerances import Draw
+from gatjax.diagnosis.joint import STEP, TRANSPORT
+from gatjax.diagnosis.loads import (
+    BODY_TERMS,
+    COARSE,
+    TILT_TERMS,
+    Load,
+    Tree,
+    tilted,
+)
+from gatjax.diagnosis.loads import _changed as changed
+from gatjax.diagnosis.motion import FINE, LEAD, Motion, cells, spread
+from gatjax.sim.limbs import put_down
+
+CREEP = 0.02  # rad/s: slower joints stick in the rows of a replay
+
+
+class Moment(NamedTuple):
+    """The state of the whole robot at one point of a trace."""
+
+    position: np.ndarray  # [nq]
+    velocity: np.ndarray  # [nv]
+    acceleration: np.ndarray  # [nv]
+    share: np.ndarray  # [J, nv] of a generalised load, that each joint carries
+
+
+class Trace(NamedTuple):
+    """The nominal robot along a run: its motion, and loads at the points of it."""
+
+    motion: Motion  # M points
+    load: Load  # [M, J]
+    moments: list[Moment]  # every COARSE points
+
+
+def trace(
+    tree: Tree, run: JointRun, time: np.ndarray, added: np.ndarray | None = None
+) -> Trace:
+    """Simulate a run from rest on the floor, step by step.
+
+    Args:
+        tree: of the model, its base floating.
+        run: the commands.
+        time: [M] s since the first stamp, FINE steps of the engine apart.
+        added: [M, J] rad, to the commands.
+
+    Returns:
+        Motion and loads; the load of a point is the mean over the steps up to the next.
+    """
+    model = mujoco.MjModel.__copy__(tree.model)
+    model.opt.timestep = STEP
+    data, frame = mujoco.MjData(model), Frame(tree)
+    grid = time[0] + STEP * np.arange(len(time) * FINE)
+    stamps = run.time - run.time[0]
+    targets = cells(stamps + TRANSPORT, run.command, grid)
+    if added is not None:
+        targets += np.stack([np.interp(grid, time, a) for a in added.T], -1)
+    data.qpos[:] = put_down(model, targets[0])
+    data.qpos[2] += LIFT
+    data.ctrl[:] = targets[0]
+    for _ in range(round((SETTLE - LEAD) / STEP)):
+        mujoco.mj_step(model, data)
+    shape = (len(time), tree.moves.shape[1])
+    moments = []
+    position, velocity, acceleration, carried, slope, inertia = np.zeros((6, *shape))
+    for point in range(len(time)):
+        position[point] = data.qpos[tree.qpos]
+        velocity[point] = data.qvel[_dofs(tree)]
+        if point % COARSE == 0:
+            mujoco.mj_forward(model, data)
+            answer = frame.answer(model, data)
+            slope[point], inertia[point] = answer.slope, answer.inertia
+            state = (data.qpos, data.qvel, data.qacc, answer.share @ frame.moves.T)
+            moments.append(Moment(*(part.copy() for part in state)))
+        for step in range(FINE):
+            data.ctrl[:] = targets[point * FINE + step]
+            before = data.qvel[_dofs(tree)].copy()
+            mujoco.mj_step(model, data)
+            given = data.qfrc_actuator + data.qfrc_passive + _bounds(data)
+            carried[point] += tree.moves.T @ given / FINE
+            acceleration[point] += (data.qvel[_dofs(tree)] - before) / (STEP * FINE)
+    few = np.arange(0, len(time), COARSE)
+    slope, inertia = (
+        np.stack([np.interp(time, time[few], s) for s in series[few].T], -1)
+        for series in (slope, inertia)
+    )
+    motion = Motion(time, position, velocity, acceleration)
+    rest = carried - inertia * acceleration
+    return Trace(motion, Load(rest, slope, inertia), moments)
+
+
+def _dofs(tree: Tree) -> np.ndarray:
+    return tree.model.jnt_dofadr[tree.model.actuator_trnid[:, 0]]
+
+
+def _bounds(data: mujoco.MjData) -> np.ndarray:
+    """Generalised force [nv] of dry friction and joint limits."""
+    kinds = (
+        mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF,
+        mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT,
+    )
+    rows = np.isin(data.efc_type, [int(kind) for kind in kinds])
+    out = np.zeros(len(data.qvel))
+    out[:] = (np.where(rows, data.efc_force, 0.0)) @ data.efc_J.reshape(
+        len(data.efc_force), -1
+    )
+    return out
+
+
+def bodies(tree: Tree, moments: list[Moment]) -> tuple[np.ndarray, np.ndarray]:
+    """Change of the loads per unit of a body term and per rad of tilt.
+
+    A changed body pulls at all joints at once, and the servos share what it adds.
+
+    Returns:
+        [2, m, J, b, BODY_TERMS] of rest and inertia, and [m, J, TILT_TERMS] of rest.
+    """
+    model, joints = tree.model, tree.moves.shape[1]
+    variants = [
+        [_Variant(*pair) for pair in changed(model, body)] for body in tree.body
+    ]
+    turned, angle = [], 0.05
+    for angles in np.eye(len(TILT_TERMS)) * angle:
+        other = mujoco.MjModel.__copy__(model)
+        other.opt.gravity[:] = tilted(model.opt.gravity, angles)
+        turned.append(_Variant(other, angle))
+    plain, dofs = _Variant(model, 1.0), _dofs(tree)
+    found = np.empty((2, len(moments), joints, joints, len(BODY_TERMS)))
+    tilt = np.empty((len(moments), joints, len(TILT_TERMS)))
+    for k, moment in enumerate(moments):
+        force, mass = plain.taken(tree, moment)
+        for joint, terms in enumerate(variants):
+            for term, variant in enumerate(terms):
+                pull, heavy = variant.taken(tree, moment)
+                more = (heavy - mass) / variant.size
+                rest = moment.share @ (pull - force) / variant.size
+                rest -= more * moment.acceleration[dofs]
+                found[:, k, :, joint, term] = rest, more
+        for term, variant in enumerate(turned):
+            pull, _ = variant.taken(tree, moment)
+            tilt[k, :, term] = moment.share @ (pull - force) / angle
+    return found, tilt
+
+
+class _Variant:
+    """A model that differs from the nominal one by `size` units of a term."""
+
+    def __init__(self, model: mujoco.MjModel, size: float) -> None:
+        self.model, self.size = model, size
+        self.data = mujoco.MjData(model)
+        self.dense = np.zeros((model.nv, model.nv))
+
+    def taken(self, tree: Tree, moment: Moment) -> tuple[np.ndarray, np.ndarray]:
+        """Force [nv] that the bodies take in a moment, and inertias M_jj [J]."""
+        model, data = self.model, self.data
+        data.qpos[:], data.qvel[:] = moment.position, moment.velocity
+        data.qacc[:] = moment.acceleration
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_comVel(model, data)
+        force = np.empty(model.nv)
+        mujoco.mj_rne(model, data, 1, force)
+        mujoco.mj_crb(model, data)
+        mujoco.mj_fullM(model, data, self.dense)
+        return force, (tree.moves * (self.dense @ tree.moves)).sum(0)
+
+
+def drawn(
+    rows: list[Rows], traces: list[Trace], robots: list[Draw], tree: Tree
+) -> list[np.ndarray]:
+    """Loads that tolerances of the whole robot add to each joint.
+
+    Args:
+        rows: of R runs in S worlds of one time step, the first one nominal.
+        traces: of the runs.
+        robots: of the S worlds.
+        tree: of the model.
+
+    Returns:
+        [m, J, S - 1] N m for each run, at the moments of its trace.
+    """
+    out = []
+    for row, one in zip(rows, traces, strict=True):
+        few = one.motion.time[::COARSE]
+        load = (
+            [np.interp(row.time, one.motion.time, s) for s in one.load.inertia.T],
+            [np.interp(row.time, one.motion.time, s) for s in one.load.slope.T],
+        )
+        inertia, slope = (np.stack(series, -1) for series in load)
+        path = row.angle[0]
+        rest = []
+        for robot, angle, speed, torque in zip(
+            robots, row.angle, row.velocity, row.torque, strict=True
+        ):
+            damping = np.square(tree.moves).T @ robot.model.dof_damping
+            friction = np.abs(tree.moves).T @ robot.model.dof_frictionloss
+            own = torque - damping * speed - friction * np.tanh(speed / CREEP)
+            own -= inertia * np.gradient(speed, row.time, axis=0)
+            rest.append(own - slope * (angle - path))
+        extra = np.stack(rest[1:], -1) - rest[0][..., None]
+        out.append(spread(few, row.time, extra))
+    return out

@@ -1,0 +1,112 @@
+"""What may be wrong with a joint: tolerances, the catalogue's causes, and other laws.
+
+A hypothesis puts its coordinates into the numbers of a simulated joint. Tolerances come
+first, in units of their standard deviation; a cause's own coordinates follow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gatjax.diagnosis.joint import TRANSPORT, Joint
+from gatjax.diagnosis.loads import TERMS
+
+Numbers = dict[str, float]
+Put = Callable[[Numbers, Joint, np.ndarray], None]
+
+RELATIVE = {
+    "kp": 0.05, "kv": 0.1, "damping": 0.1, "armature": 0.1, "limit": 0.06,
+    "friction": 0.3, "give": 1.0,
+}  # fmt: skip
+"""Tolerances of the nominal model as shares; see docs/diagnosis.md."""
+ZERO = np.deg2rad(0.1)  # rad, tolerance of the encoder's zero
+LATE = 0.0007  # s, tolerance of the transport time
+STRIBECK = 0.15  # of the dry friction: excess at standstill that every gear has
+TOLERANCES = (
+    *RELATIVE, "zero_in", "zero_out", "delay", "stiction",
+    *(f"term{k}" for k in range(TERMS)),
+)  # fmt: skip
+COUNT = len(TOLERANCES)
+BOUND = 3.5  # standard deviations that a tolerance may use up
+
+
+class Hypothesis(NamedTuple):
+    """A cause in one variant: where its coordinates go and where to start."""
+
+    cause: str  # name in the catalogue, or "" for a law that it lacks
+    variant: str
+    put: Put
+    starts: tuple[tuple[float, ...], ...]
+    steps: tuple[float, ...]  # of the finite differences
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    values: Callable[[Joint, np.ndarray], Numbers]  # the catalogue's parameters, SI
+    geared: bool = False
+    parts: tuple[Any, ...] = ()  # of a combination: the causes it is made of
+
+    @property
+    def name(self) -> str:
+        """Cause and variant, for people."""
+        return (
+            f"{self.cause} ({self.variant})"
+            if self.cause and self.variant
+            else (self.cause or self.variant)
+        )
+
+
+def combined(first: Hypothesis | None, second: Hypothesis) -> Hypothesis:
+    """Two causes at once; the coordinates of the second follow those of the first."""
+    if first is None:
+        return second
+    own = len(first.low)
+
+    def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
+        first.put(drive, joint, x[:own])
+        second.put(drive, joint, x[own:])
+
+    return second._replace(
+        put=put, starts=(), steps=first.steps + second.steps,
+        low=first.low + second.low, high=first.high + second.high,
+        geared=first.geared or second.geared,
+        parts=(*(first.parts or (first,)), second),
+    )  # fmt: skip
+
+
+def pinned(hypothesis: Hypothesis, own: np.ndarray) -> Hypothesis:
+    """A hypothesis whose own coordinates are given: only tolerances are left to fit."""
+
+    def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
+        hypothesis.put(drive, joint, own)
+
+    return hypothesis._replace(
+        put=put, starts=(), steps=(), low=(), high=(),
+        values=lambda joint, x: hypothesis.values(joint, own),
+    )  # fmt: skip
+
+
+def tolerated(joint: Joint, x: np.ndarray) -> Numbers:
+    """Numbers of a joint whose tolerances are used up by x [COUNT] deviations."""
+    drive: Numbers = {}
+    for name, value in zip(TOLERANCES, x, strict=True):
+        if name in RELATIVE:
+            drive[name] = joint.nominal[name] * float(np.exp(RELATIVE[name] * value))
+        elif name in ("zero_in", "zero_out"):
+            drive[name] = ZERO * value
+        elif name == "delay":
+            drive[name] = max(0.0, TRANSPORT + LATE * value)
+        elif name == "stiction":
+            drive[name] = joint.nominal["friction"] * STRIBECK * max(0.0, 1.0 + value)
+        else:
+            drive[name] = value
+    return drive
+
+
+def numbers(joint: Joint, hypothesis: Hypothesis | None, x: np.ndarray) -> Numbers:
+    """Numbers of a joint under a hypothesis, coordinates x [COUNT + own]."""
+    drive = tolerated(joint, x[:COUNT])
+    if hypothesis is not None:
+        hypothesis.put(drive, joint, x[COUNT:])
+    return drive

@@ -1,0 +1,184 @@
+"""A joint as the diagnosis simulates it: its numbers, its loads and what was measured."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+
+from gatjax.data.trajectories import JointRun
+from gatjax.diagnosis import laws, plant
+from gatjax.diagnosis import loads as weights
+from gatjax.diagnosis import motion as motions
+
+STEP = 1e-3  # s, of the single-joint simulation
+CHUNKS = (32, 128, 256)  # simulations that run together: one compilation each
+TRANSPORT = 0.0012  # s, nominal way of a command to the servo
+CREEP = 0.06  # rad/s, speed at which stiction has faded
+GIVE = 3e-4  # rad, that dry friction yields before it slips
+
+
+class Joint(NamedTuple):
+    """One joint over R runs of at most N rows; `grid` lies on the device."""
+
+    name: str
+    index: int
+    nominal: dict[str, float]  # fields of laws.Drive that are not neutral
+    grid: laws.Grid
+    lead: int
+    time: np.ndarray  # [R, N] s
+    measured: np.ndarray  # [R, N] rad
+    valid: np.ndarray  # [R, N]
+    noise: float  # rad, standard deviation of a reading
+
+    def residual(self, drives: list[dict[str, float]], geared: bool) -> np.ndarray:
+        """Measured minus simulated at all valid rows [n, S], rad."""
+        seen = self.simulate(drives, geared)
+        return (self.measured[..., None] - seen)[self.valid]
+
+    def simulate(self, drives: list[dict[str, float]], geared: bool) -> np.ndarray:
+        """Readings [R, N, S] rad of joints whose drives differ."""
+        parts, start = [], 0
+        while start < len(drives):
+            size = next((c for c in CHUNKS if c >= len(drives) - start), CHUNKS[-1])
+            some = drives[start : start + size]
+            padded = some + [some[-1]] * (size - len(some))
+            seen = self.outcome(padded, geared).readings
+            parts.append(np.asarray(seen)[..., : len(some)])
+            start += size
+        return np.concatenate(parts, -1)
+
+    def outcome(self, drives: list[dict[str, float]], geared: bool) -> plant.Outcome:
+        """Everything that the simulation gives, on the device."""
+        time = jnp.asarray(self.time, jnp.float32)
+        return plant.simulate(
+            self.packed(drives), self.grid, time, self.lead, STEP, geared
+        )
+
+    def packed(self, drives: list[dict[str, float]]) -> laws.Drive:
+        """Numbers of many drives as arrays [S]; what is not named is nominal."""
+        names = [name for name in laws.Drive._fields if name != "terms"]
+        rows = [self.nominal | drive for drive in drives]
+        numbers: dict[str, Any] = {
+            name: np.array([row.get(name, 0.0) for row in rows], np.float32)
+            for name in names
+        }
+        count = self.grid.rest_terms.shape[-1]
+        terms = [[row.get(f"term{k}", 0.0) for k in range(count)] for row in rows]
+        return laws.Drive(**numbers, terms=np.array(terms, np.float32))
+
+
+def nominal_drive(model: mujoco.MjModel, tree: weights.Tree, index: int) -> dict:
+    """Numbers of a position servo and its joint as the model file gives them."""
+    moves = tree.moves[:, index]
+    limited = model.actuator_forcelimited[index]
+    return {
+        "kp": float(model.actuator_gainprm[index, 0]),
+        "kv": float(-model.actuator_biasprm[index, 2]),
+        "limit": float(model.actuator_forcerange[index, 1]) if limited else 1e3,
+        "damping": float(np.square(moves) @ model.dof_damping),
+        "friction": float(np.abs(moves) @ model.dof_frictionloss),
+        "armature": float(np.square(moves) @ model.dof_armature),
+        "delay": TRANSPORT, "creep": CREEP, "give": GIVE, "rate": 1e3, "speed": 1e6, "scale": 1.0,
+        "cooling": 20.0, "stiffness": 1e3,
+    }  # fmt: skip
+
+
+def supply_load(
+    model: mujoco.MjModel,
+    tree: weights.Tree,
+    moved: list[motions.Motion],
+    loads: list[weights.Loads],
+) -> list[np.ndarray]:
+    """Sum of all servo torques along each motion [M], N m.
+
+    A motor draws current in proportion to its torque, and all share one supply.
+    """
+    damping = np.square(tree.moves).T @ model.dof_damping
+    friction = np.abs(tree.moves).T @ model.dof_frictionloss
+    total = []
+    for motion, load in zip(moved, loads, strict=True):
+        torque = load.nominal.rest + load.nominal.inertia * motion.acceleration
+        torque += damping * motion.velocity + friction * np.tanh(motion.velocity / 0.02)
+        total.append(np.abs(torque).sum(-1))
+    return total
+
+
+def noise_of(run: JointRun) -> np.ndarray:
+    """Standard deviation of the readings of each joint [J], rad.
+
+    Third differences of the calmest third of a run; a coarse encoder counts with its
+    rounding error, LSB / sqrt(12).
+    """
+    third = np.diff(run.angle, 3, axis=0) / np.sqrt(20.0)
+    count = len(third) // 20
+    calm = third[: count * 20].reshape(count, 20, -1)
+    level = np.sqrt(np.quantile(np.square(calm).mean(1), 0.3, axis=0))
+    seen = [np.diff(np.unique(np.round(angle, 9))) for angle in run.angle.T]
+    lsb = np.array([steps.min() if len(steps) else 0.0 for steps in seen])
+    return np.maximum(level, np.maximum(lsb / np.sqrt(12.0), 1e-5))
+
+
+def build(
+    model: mujoco.MjModel,
+    tree: weights.Tree,
+    names: tuple[str, ...],
+    runs: list[JointRun],
+    moved: list[motions.Motion],
+    loads: list[weights.Loads],
+) -> list[Joint]:
+    """Put the joints of a model on the simulations' grid, all runs padded to one length."""
+    time = motions.grid_time(runs, STEP)
+    lead = int(np.sum(time < -0.5 * STEP))
+    rows = max(len(run.time) for run in runs)
+    few = moved[0].time[:: weights.COARSE]
+    clock = np.broadcast_to(time[:, None], (len(time), len(runs)))
+    noise = np.mean([noise_of(run) for run in runs], axis=0)
+    targets = [motions.cells(run.time - run.time[0], run.command, time) for run in runs]
+    added = weights.shapes(loads)
+    supply = supply_load(model, tree, moved, loads)
+    largest = max(float(total.max()) for total in supply)
+    supply = [total / max(largest, 1e-9) for total in supply]
+    joints = []
+    for index, name in enumerate(names):
+        drive = nominal_drive(model, tree, index)
+
+        def series(columns: list[np.ndarray], at: np.ndarray) -> Any:
+            parts = [motions.spread(time, at, column) for column in columns]
+            return jnp.asarray(np.stack(parts, 1), jnp.float32)
+
+        terms = [
+            np.concatenate(
+                [a[0][:, index], l.bodies[0, :, index, index], l.tilt[:, index]], -1
+            )
+            for a, l in zip(added, loads, strict=True)
+        ]
+        heavy = [
+            np.concatenate(
+                [a[1][:, index], l.bodies[1, :, index, index], 0 * l.tilt[:, index]], -1
+            )
+            for a, l in zip(added, loads, strict=True)
+        ]
+        inertia = [l.nominal.inertia[:, index] - drive["armature"] for l in loads]
+        grid = laws.Grid(
+            target=jnp.asarray(np.stack([t[:, index] for t in targets], 1), jnp.float32),
+            path=series([m.position[:, index] for m in moved], moved[0].time),
+            rest=series([l.nominal.rest[:, index] for l in loads], moved[0].time),
+            slope=series([l.nominal.slope[:, index] for l in loads], moved[0].time),
+            inertia=series(inertia, moved[0].time),
+            rest_terms=series(terms, few), inertia_terms=series(heavy, few),
+            supply=series(supply, moved[0].time),
+            clock=jnp.asarray(clock, jnp.float32),
+        )  # fmt: skip
+        at = np.stack([_padded(run.time - run.time[0], rows) for run in runs])
+        seen = np.stack([_padded(run.angle[:, index], rows) for run in runs])
+        valid = np.stack([np.arange(rows) < len(run.time) for run in runs])
+        level = float(noise[index])
+        joints.append(Joint(name, index, drive, grid, lead, at, seen, valid, level))
+    return joints
+
+
+def _padded(values: np.ndarray, rows: int) -> np.ndarray:
+    return np.pad(values, (0, rows - len(values)), mode="edge")

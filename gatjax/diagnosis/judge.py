@@ -1,0 +1,320 @@
+"""The judge: what is known about each joint, and the claims that would explain more."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from gatjax.diagnosis import drops, search
+from gatjax.diagnosis import fit as fits
+from gatjax.diagnosis.bank import CAUSES, OTHERS
+from gatjax.diagnosis.case import Case, along
+from gatjax.diagnosis.claims import (
+    BODY,
+    PLACE,
+    PRICE,
+    SHARED,
+    WHOLE,
+    WORTH,
+    Claim,
+    shared_value,
+    uncertainty,
+)
+from gatjax.diagnosis.fit import Fit
+from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined, pinned
+from gatjax.diagnosis.joint import Joint
+
+THREADS = os.cpu_count() or 1
+NOISY = 1.7  # times the reading noise that the best cause leaves: only then commands may have been lost
+MOST = 4  # shared causes that are looked into
+BODIES = 2  # bodies that are looked into closely
+CHANGED = 3.0  # nats: a joint whose evidence changed less keeps its fits
+RIVAL = 0.4  # of the best gain at a joint: a body cause must come that near
+
+
+class Judge:
+    """Finds the claims that explain a case best, given what is explained already."""
+
+    def __init__(self, case: Case, tell: Callable[[str, float], None]) -> None:
+        """Start from the tolerances."""
+        self.case = case
+        self.tell = tell
+        self.joints: list[Joint] = list(case.joints)
+        self.known: list[Fit] = list(case.healthy)
+        self.found: dict[int, list[Fit]] = {}
+        self.accepted: list[Claim] = []
+
+    def accept(self, claim: Claim) -> None:
+        """Take a claim for known, and take the loads along the motion that it makes."""
+        before = [self._evidence(k) for k in range(len(self.joints))]
+        self.accepted.append(claim)
+        for index, fit in claim.fits.items():
+            self.known[index] = fit
+        self.joints = self._altered(self.case)
+        if len(self.joints) > 1:
+            self.case = along(self.case, self.joints, self.known)
+            self.joints = self._altered(self.case)
+            self.known = mapped(self._again, range(len(self.joints)))
+        for index, old in enumerate(before):
+            moved = abs(self._evidence(index) - old) > CHANGED
+            if moved or index in claim.fits:
+                self.found.pop(index, None)
+
+    def _evidence(self, index: int) -> float:
+        return fits.evidence(self.joints[index], self.known[index])
+
+    def _altered(self, case: Case) -> list[Joint]:
+        """The case's joints with the bodies and the commands that claims changed."""
+        out = list(case.joints)
+        for claim in self.accepted:
+            for index in claim.fits:
+                if claim.body is not None:
+                    out[index] = case.carrying(index, claim.body)
+                if claim.lost and index in claim.lost:
+                    out[index] = drops.with_commands(
+                        out[index], case.commands(index), claim.lost[index]
+                    )
+        return out
+
+    def _again(self, index: int) -> Fit:
+        """The known fit of a joint on its new loads."""
+        fit = self.known[index]
+        first = fits.start(self.joints[index], [(fit.hypothesis, fit.x)])
+        return fits.improve(self.joints[index], first, 6)[0]
+
+    def score(self, index: int, fit: Fit, joint: Joint | None = None) -> float:
+        """Nats of a fit over what is known about a joint."""
+        return fits.evidence(joint or self.joints[index], fit) - self._evidence(index)
+
+    def visibility(self, claim: Claim) -> float:
+        """RMS change that a claim causes over what tolerances do; largest of its joints.
+
+        The definition of d in docs/diagnosis.md: the cause alone on the nominal model.
+        """
+        largest = 0.0
+        for index in claim.fits:
+            joint = self._bearing(index, claim)
+            plain = fits.start(joint, [(None, np.zeros(COUNT))])
+            slopes = fits.linearised(joint, plain)[0].slopes
+            scatter = np.sqrt(np.square(slopes).sum(1).mean() + joint.noise**2)
+            if claim.lost:
+                other = drops.with_commands(
+                    joint, self.case.commands(index), claim.lost[index]
+                )
+                alone = fits.start(other, [(None, np.zeros(COUNT))])[0]
+            else:
+                alone = fits.start(
+                    joint, [(pinned(claim.hypothesis, claim.own), np.zeros(COUNT))]
+                )[0]
+            change = np.sqrt(np.mean(np.square(alone.residual - plain[0].residual)))
+            largest = max(largest, float(change / scatter))
+        return largest
+
+    def _bearing(self, index: int, claim: Claim) -> Joint:
+        """A joint of the case as a claim sees it."""
+        if claim.body is None:
+            return self.case.joints[index]
+        return self.case.carrying(index, claim.body)
+
+    def claims(self) -> list[Claim]:
+        """All claims worth a look, best first."""
+        missing = [k for k in range(len(self.joints)) if k not in self.found]
+        done = itertools.count(1)
+
+        def explained(index: int) -> list[Fit]:
+            bank = CAUSES + OTHERS
+            fit = search.explain(self.joints[index], self.known[index], bank)
+            self.tell("causes", next(done) / len(missing))
+            return fit
+
+        self.found |= dict(zip(missing, mapped(explained, missing), strict=True))
+        found = self._single()
+        if len(self.joints) > 1:
+            found += self._shared(found) + self._bodies(found)
+        found += self._lost()
+        return sorted(found, key=lambda claim: -claim.gain)
+
+    def _single(self) -> list[Claim]:
+        """Claims about one joint."""
+        out = []
+        for index in range(len(self.joints)):
+            for fit in self.found[index]:
+                assert fit.hypothesis is not None
+                newest = (fit.hypothesis.parts or (fit.hypothesis,))[-1]
+                count = len(newest.low)
+                gain = self.score(index, fit) - PRICE * count - PLACE
+                own = fit.x[len(fit.x) - count :]
+                claim = Claim(newest, own, (index,), {index: fit}, gain)
+                out.append(claim._replace(covariance=uncertainty([fit], count)))
+        return out
+
+    def _free(
+        self, index: int, joint: Joint, hypotheses: list[Hypothesis], rounds: int
+    ) -> list[Fit]:
+        """A joint's own best value of each of some causes."""
+        known = self.known[index]
+        points = [
+            (combined(known.hypothesis, h), np.append(known.x, s))
+            for h in hypotheses for s in h.starts
+        ]  # fmt: skip
+        first, out = fits.start(joint, points), []
+        for hypothesis in hypotheses:
+            count = len(hypothesis.starts)
+            mine, first = first[:count], first[count:]
+            out.append(min(mine, key=lambda fit: fit.cost))
+        return fits.improve(joint, out, rounds)
+
+    def _fixed(
+        self, index: int, joint: Joint, values: list[tuple[Hypothesis, np.ndarray]]
+    ) -> list[Fit]:
+        """A joint's fits with given values of causes."""
+        known = self.known[index]
+        points = [
+            (combined(known.hypothesis, pinned(h, own)), known.x) for h, own in values
+        ]
+        return fits.improve(joint, fits.start(joint, points), 6)
+
+    def _shared(self, single: list[Claim]) -> list[Claim]:
+        """Claims about groups of joints with one value."""
+        seen: dict[tuple, list[Claim]] = {}
+        for claim in single:
+            if claim.hypothesis.cause in SHARED and claim.gain > 0.25 * WORTH:
+                key = claim.hypothesis.cause, claim.hypothesis.variant
+                seen.setdefault(key, []).append(claim)
+        groups = [
+            group for group in seen.values()
+            if len(group) > 1 or group[0].hypothesis.cause in WHOLE
+        ]  # fmt: skip
+        groups.sort(key=lambda group: -sum(claim.gain for claim in group))
+        chosen = groups[:MOST]
+        if not chosen:
+            return []
+        hypotheses = [group[0].hypothesis for group in chosen]
+        every = range(len(self.joints))
+        free = mapped(lambda k: self._free(k, self.joints[k], hypotheses, 6), every)
+        values = [
+            (h, shared_value([free[c.where[0]][n] for c in group], len(h.low)))
+            for n, (h, group) in enumerate(zip(hypotheses, chosen, strict=True))
+        ]
+        fixed = mapped(lambda k: self._fixed(k, self.joints[k], values), every)
+        out = []
+        for n, (hypothesis, own) in enumerate(values):
+            suspects = [claim.where[0] for claim in chosen[n]]
+            for group in self._groups(suspects):
+                mine = {k: fixed[k][n] for k in group}
+                sure = uncertainty([free[k][n] for k in group], len(own))
+                out.append(self._joint_claim(hypothesis, own, mine, sure))
+        return out
+
+    def _joint_claim(
+        self, hypothesis: Hypothesis, own: np.ndarray, mine: dict[int, Fit],
+        sure: np.ndarray | None,
+    ) -> Claim:  # fmt: skip
+        """A claim about several joints."""
+        places = 1 if len(mine) == len(self.joints) else len(mine)
+        gain = sum(self.score(k, fit) for k, fit in mine.items())
+        gain -= PRICE * len(own) + PLACE * places
+        return Claim(hypothesis, own, tuple(mine), mine, gain, covariance=sure)
+
+    def _groups(self, suspects: list[int]) -> set[tuple[int, ...]]:
+        """All joints, the suspects, and joints with the same motor as a suspect."""
+        groups = {tuple(range(len(self.joints)))}
+        if len(suspects) > 1:
+            groups.add(tuple(sorted(suspects)))
+        for suspect in suspects:
+            mine = self.joints[suspect].nominal
+            twins = tuple(
+                k for k, joint in enumerate(self.joints) if joint.nominal == mine
+            )
+            if 1 < len(twins) < len(self.joints):
+                groups.add(twins)
+        return groups
+
+    def _bodies(self, single: list[Claim]) -> list[Claim]:
+        """Claims about a body, which all joints that carry it must bear out."""
+        best = {k: max((c.gain for c in single if c.where == (k,)), default=0.0)
+                for k in range(len(self.joints))}  # fmt: skip
+        hot = {
+            c.where[0] for c in single
+            if c.hypothesis.cause in BODY and c.gain > max(WORTH, RIVAL * best[c.where[0]])
+        }  # fmt: skip
+        bodies = {b for index in hot for b in self.case.moved_by(index)}
+        hypotheses = [h for h in CAUSES if h.cause in BODY]
+        tried = [self._borne(body, hypotheses) for body in sorted(bodies)]
+        tried.sort(key=lambda row: -row[0])
+        return [claim for _, make in tried[:BODIES] for claim in make()]
+
+    def _borne(self, body: int, hypotheses: list[Hypothesis]) -> tuple:
+        """How well a changed body is borne out, and how to make its claims."""
+        bearers = [k for k in range(len(self.joints)) if body in self.case.moved_by(k)]
+        joints = {k: self.case.carrying(k, body) for k in bearers}
+        free = dict(
+            zip(bearers, mapped(lambda k: self._free(k, joints[k], hypotheses, 4), bearers),
+                strict=True)
+        )  # fmt: skip
+        gains = [
+            sum(self.score(k, free[k][n], joints[k]) for k in bearers)
+            for n in range(len(hypotheses))
+        ]
+
+        def make() -> list[Claim]:
+            values = [
+                (h, shared_value([free[k][n] for k in bearers], len(h.low)))
+                for n, h in enumerate(hypotheses)
+            ]
+            fixed = mapped(lambda k: self._fixed(k, joints[k], values), bearers)
+            out = []
+            for n, (hypothesis, own) in enumerate(values):
+                mine = {k: rows[n] for k, rows in zip(bearers, fixed, strict=True)}
+                gain = sum(self.score(k, fit, joints[k]) for k, fit in mine.items())
+                gain -= PRICE * len(own) + PLACE
+                sure = uncertainty([free[k][n] for k in bearers], len(own))
+                claim = Claim(hypothesis, own, (body,), mine, gain, body)
+                out.append(claim._replace(covariance=sure))
+            return out
+
+        return max(gains), make
+
+    def _lost(self) -> list[Claim]:
+        """Claims that commands got lost on the way to a joint, or to all."""
+        least = [
+            min([fit.rms(), *(other.rms() for other in self.found[k])])
+            for k, fit in enumerate(self.known)
+        ]
+        noisy = [
+            k for k, rms in enumerate(least)
+            if rms > NOISY * self.joints[k].noise
+            and not any(k in (claim.lost or {}) for claim in self.accepted)
+        ]  # fmt: skip
+
+        def one(index: int) -> drops.Losses:
+            commands = self.case.commands(index)
+            return drops.find(self.joints[index], self.known[index], commands)
+
+        out = []
+        for index, loss in zip(noisy, mapped(one, noisy), strict=True):
+            gain = self.score(index, loss.fit, loss.joint) - loss.price - PLACE
+            claim = Claim(drops.LOST, np.zeros(0), (index,), {index: loss.fit}, gain)
+            out.append(claim._replace(lost={index: loss.lost}))
+        good = [claim for claim in out if claim.gain > WORTH]
+        if len(good) > 0.6 * len(self.joints) and len(self.joints) > 1:
+            joined: dict[int, Fit] = {}
+            lost: dict[int, list[np.ndarray]] = {}
+            for claim in good:
+                joined |= claim.fits
+                lost |= claim.lost or {}
+            every = tuple(range(len(self.joints)))
+            gain = sum(claim.gain + PLACE for claim in good) - PLACE
+            claim = Claim(drops.LOST, np.zeros(0), every, joined, gain)
+            out.append(claim._replace(lost=lost))
+        return out
+
+
+def mapped(function: Callable, items: Iterable) -> list:
+    """Apply a function to items on all cores, in order."""
+    with ThreadPoolExecutor(THREADS) as pool:
+        return list(pool.map(function, items))

@@ -1,0 +1,151 @@
+"""The laws of one servo joint, each switched off by a neutral number. Units are SI."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+
+Array = Any
+
+
+class Drive(NamedTuple):
+    """Numbers of one simulated joint; arrays [S] when many are simulated."""
+
+    kp: Array
+    kv: Array
+    limit: Array
+    damping: Array
+    friction: Array
+    armature: Array
+    delay: Array  # s, of the target
+    late: Array  # s, of the reading
+    drift: Array  # s/s, of the reading
+    lag: Array  # s
+    quantum: Array  # rad, of the target; 0: none
+    dead: Array  # rad, half width
+    rate: Array  # rad/s, of the target
+    speed: Array  # rad/s, at which the torque-speed line reaches zero
+    stiction: Array  # N m
+    creep: Array  # rad/s, speed at which stiction has faded
+    give: Array  # rad, that dry friction yields before it slips
+    loaded: Array  # friction per transmitted torque
+    asymmetric: Array  # N m, positive: when moving in the positive direction
+    ripple_sin: Array  # N m
+    ripple_cos: Array
+    cycles: Array  # 1/rad
+    zero_in: Array  # rad, encoder offset that the servo sees too
+    zero_out: Array  # rad, encoder offset in the log only
+    scale: Array  # of the reading
+    heat: Array  # lost share per heat
+    cooling: Array  # s
+    sag: Array  # lost share when the supply is loaded most
+    width: Array  # rad, play (geared plant only)
+    stiffness: Array  # N m/rad (geared plant only)
+    sensed: Array  # 1: encoder on the motor, 0: on the link (geared plant only)
+    drag: Array  # N m s^2/rad^2
+    spring: Array  # N m/rad
+    bias: Array  # N m
+    wave_sin: Array  # N m
+    wave_cos: Array
+    frequency: Array  # rad/s
+    integral: Array  # 1/s
+    terms: Array  # [S, B] of the load
+
+
+class Grid(NamedTuple):
+    """Series of one joint on the grid: [K, R] each, terms [K, R, B]."""
+
+    target: Array
+    path: Array
+    rest: Array
+    slope: Array
+    inertia: Array  # of the link, armature excluded
+    rest_terms: Array
+    inertia_terms: Array
+    supply: Array  # load of the supply, 1 at its largest
+    clock: Array  # s since the start of the run
+
+
+class Servo(NamedTuple):
+    """What the servo remembers, each [R, S]."""
+
+    lagged: Array
+    held: Array
+    heat: Array
+    integral: Array
+
+
+class Push(NamedTuple):
+    """Servo torque = push - (kv + h gain) speed, within limits."""
+
+    push: Array
+    gain: Array
+    low: Array
+    high: Array
+
+
+def servo(
+    p: Drive, g: Grid, u: Array, s: Servo, seen: Array, speed: Array, h: float
+) -> tuple[Servo, Push]:
+    """One step of the servo: what it follows, and how it pushes.
+
+    Args:
+        p: numbers.
+        g: series at this step.
+        u: delayed command, rad.
+        s: memory.
+        seen: angle that the servo sees, rad.
+        speed: of the motor, rad/s.
+        h: step, s.
+    """
+    safe = jnp.where(p.quantum > 0.0, p.quantum, 1.0)
+    u = jnp.where(p.quantum > 0.0, jnp.round(u / safe) * safe, u)
+    share = 1.0 - jnp.exp(-h / jnp.maximum(p.lag, 1e-6))
+    lagged = s.lagged + (u - s.lagged) * share
+    held = s.held + jnp.clip(lagged - s.held, -p.rate * h, p.rate * h)
+    error = held - seen
+    error = jnp.sign(error) * jnp.maximum(jnp.abs(error) - p.dead, 0.0)
+    integral = s.integral + h * p.integral * error
+    left = jnp.clip(1.0 - p.heat * s.heat, 0.05, 1.0)
+    left *= jnp.clip(1.0 - p.sag * g.supply[:, None], 0.05, 1.0)
+    most = p.limit * left
+    push = Push(
+        p.kp * left * (error + integral),
+        p.kp * left * (jnp.abs(error) > 0.0),
+        -most * jnp.clip(1.0 + speed / p.speed, 0.0, 1.0),
+        most * jnp.clip(1.0 - speed / p.speed, 0.0, 1.0),
+    )
+    return Servo(lagged, held, s.heat, integral), push
+
+
+def warmed(p: Drive, s: Servo, torque: Array, h: float) -> Servo:
+    """Heat of a motor: grows with torque squared, cools exponentially."""
+    grown = jnp.square(torque / p.limit) - s.heat / p.cooling
+    return s._replace(heat=s.heat + h * grown)
+
+
+def dry_friction(p: Drive, speed: Array, carried: Array) -> Array:
+    """Largest dry friction torque at a speed: Coulomb, Stribeck, load, direction."""
+    fade = jnp.exp(-jnp.square(speed / p.creep))
+    level = p.friction + p.stiction * fade + p.loaded * jnp.abs(carried)
+    side = jnp.where(speed > 0.0, p.asymmetric, -p.asymmetric)
+    return level + jnp.maximum(side, 0.0)
+
+
+def ripple(p: Drive, angle: Array) -> Array:
+    """Torque that repeats with the angle."""
+    return p.ripple_sin * jnp.sin(p.cycles * angle) + p.ripple_cos * jnp.cos(
+        p.cycles * angle
+    )
+
+
+def link(p: Drive, g: Grid, q: Array, v: Array) -> tuple[Array, Array]:
+    """Inertia of the link and the torque on it [R, S]."""
+    inertia = g.inertia[:, None] + jnp.einsum("rb,sb->rs", g.inertia_terms, p.terms)
+    load = g.rest[:, None] + jnp.einsum("rb,sb->rs", g.rest_terms, p.terms)
+    load += g.slope[:, None] * (q - g.path[:, None])
+    phase = p.frequency * g.clock[:, None]
+    outside = p.wave_sin * jnp.sin(phase) + p.wave_cos * jnp.cos(phase)
+    outside += p.bias - p.spring * q - p.drag * jnp.abs(v) * v
+    return jnp.maximum(inertia, 1e-6), outside - load

@@ -1,0 +1,199 @@
+"""What each joint went through in a recording: its load along the measured motion.
+
+A joint of a fixed robot obeys (Featherstone 2008, eq. 6.1, one row)
+
+    M_jj(q) q''_j + rest_j = servo torque - damping q'_j - dry friction,
+    rest_j = bias_j(q, q') + sum_{k != j} M_jk(q) q''_k.
+
+All other joints were measured, so M_jj and rest_j are known functions of time, and each
+joint can be simulated alone: the cost of a diagnosis is linear in the joints.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from gatjax.diagnosis.motion import Motion
+
+MASS, COM, INERTIA = 0.025, 0.002, 0.05  # tolerances of bodies: share, m, share
+TILT = np.deg2rad(0.2)  # tolerance of the mounting
+DRAWS = 40  # perturbed bodies
+TERMS = 4  # load shapes that body tolerances may add
+COARSE = 8  # points of a motion between two at which changed bodies are weighed
+BODY_TERMS = ("mass", "com_x", "com_y", "com_z")
+TILT_TERMS = ("roll", "pitch")
+
+
+class Load(NamedTuple):
+    """What joint j moves at the rows of a run, N m, N m/rad and kg m^2, each [N, J]."""
+
+    rest: np.ndarray
+    slope: np.ndarray  # d rest / d q_j
+    inertia: np.ndarray  # M_jj, armature included
+
+
+class Tree:
+    """The actuated joints of a model; joints tied by an equality move as one."""
+
+    def __init__(self, model: mujoco.MjModel, joints: np.ndarray) -> None:
+        """Keep the model; `joints` [J] are the ids of the actuated joints."""
+        self.model = model
+        self.qpos = model.jnt_qposadr[joints]
+        self.body = model.jnt_bodyid[joints]
+        dofs = model.jnt_dofadr[joints]
+        self.moves = np.zeros((model.nv, len(joints)))
+        self.moves[dofs, np.arange(len(joints))] = 1.0
+        self.ties: list[tuple[int, int, np.ndarray]] = []
+        for index in np.flatnonzero(model.eq_type == mujoco.mjtEq.mjEQ_JOINT):
+            follower, leader = model.eq_obj1id[index], model.eq_obj2id[index]
+            if follower in joints or leader not in joints:
+                continue
+            ratio = model.eq_data[index, :5]
+            column = int(np.flatnonzero(joints == leader)[0])
+            self.moves[model.jnt_dofadr[follower], column] = ratio[1]
+            self.ties.append((model.jnt_qposadr[follower], column, ratio))
+
+    def set(self, data: mujoco.MjData, position: np.ndarray) -> None:
+        """Write joint positions [J] rad into the state, tied joints with them."""
+        data.qpos[self.qpos] = position
+        for address, column, ratio in self.ties:
+            data.qpos[address] = np.polyval(ratio[::-1], position[column])
+
+    def loads(self, model: mujoco.MjModel, motion: Motion, rows: np.ndarray) -> Load:
+        """Loads of all joints at some rows of a motion, for any variant of the model."""
+        data, joints = mujoco.MjData(model), self.moves.shape[1]
+        dense = np.zeros((model.nv, model.nv))
+        rest, inertia = np.empty((len(rows), joints)), np.empty((len(rows), joints))
+        for out, row in enumerate(rows):
+            self.set(data, motion.position[row])
+            data.qvel[:] = self.moves @ motion.velocity[row]
+            mujoco.mj_fwdPosition(model, data)
+            mujoco.mj_fwdVelocity(model, data)
+            mujoco.mj_fullM(model, data, dense)
+            reduced = self.moves.T @ dense @ self.moves
+            inertia[out] = np.diag(reduced)
+            own = inertia[out] * motion.acceleration[row]
+            rest[out] = self.moves.T @ data.qfrc_bias - own
+            rest[out] += reduced @ motion.acceleration[row]
+        return Load(rest, np.zeros_like(rest), inertia)
+
+    def slopes(self, motion: Motion, rows: np.ndarray) -> np.ndarray:
+        """Derivative of the gravity load of each joint by its own angle [N, J]."""
+        model, data = self.model, mujoco.MjData(self.model)
+        step, joints = 1e-4, self.moves.shape[1]
+        slope = np.empty((len(rows), joints))
+        for out, row in enumerate(rows):
+            for joint in range(joints):
+                load = []
+                for sign in (-1.0, 1.0):
+                    position = motion.position[row].copy()
+                    position[joint] += sign * step
+                    self.set(data, position)
+                    mujoco.mj_kinematics(model, data)
+                    mujoco.mj_comPos(model, data)
+                    mujoco.mj_fwdVelocity(model, data)
+                    load.append(self.moves[:, joint] @ data.qfrc_bias)
+                slope[out, joint] = (load[1] - load[0]) / (2.0 * step)
+        return slope
+
+
+def perturbed(model: mujoco.MjModel, draw: np.random.Generator) -> mujoco.MjModel:
+    """A model with bodies and mounting drawn from their tolerances."""
+    other = mujoco.MjModel.__copy__(model)
+    bodies = (model.nbody, 3)
+    other.body_mass *= 1.0 + MASS * draw.normal(size=model.nbody)
+    other.body_inertia *= 1.0 + INERTIA * draw.normal(size=bodies)
+    other.body_ipos += COM * draw.normal(size=bodies) * (model.body_mass > 0)[:, None]
+    other.opt.gravity[:] = tilted(model.opt.gravity, TILT * draw.normal(size=2))
+    return other
+
+
+def tilted(gravity: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    """Gravity of a mounting turned by small angles about x and y, rad."""
+    roll, pitch = angles
+    about_x = np.array(
+        [[1, 0, 0], [0, np.cos(roll), -np.sin(roll)], [0, np.sin(roll), np.cos(roll)]]
+    )
+    about_y = np.array(
+        [
+            [np.cos(pitch), 0, np.sin(pitch)],
+            [0, 1, 0],
+            [-np.sin(pitch), 0, np.cos(pitch)],
+        ]
+    )
+    return (about_x @ about_y).T @ gravity
+
+
+class Loads(NamedTuple):
+    """Loads of a run: nominal ones, and what tolerances and body causes change.
+
+    M points of the motion, m of them (every COARSE) for changed bodies.
+    """
+
+    nominal: Load
+    draws: tuple[np.ndarray, np.ndarray]  # rest, inertia of perturbed bodies [m, J, D]
+    bodies: np.ndarray  # per unit of a body term of joint b [2, m, J, b, BODY_TERMS]
+    tilt: np.ndarray  # rest per rad [m, J, TILT_TERMS]
+
+
+def weigh(tree: Tree, motion: Motion, others: list[mujoco.MjModel]) -> Loads:
+    """Loads along a motion, of the nominal bodies and of changed ones."""
+    nominal = tree.loads(tree.model, motion, np.arange(len(motion.time)))
+    few = np.arange(0, len(motion.time), COARSE)
+    slope = tree.slopes(motion, few)
+    nominal = nominal._replace(
+        slope=np.stack(
+            [np.interp(motion.time, motion.time[few], s) for s in slope.T], -1
+        )
+    )
+    rest, inertia = nominal.rest[few], nominal.inertia[few]
+    drawn = [tree.loads(other, motion, few) for other in others]
+    bodies = np.empty((2, *rest.shape, rest.shape[1], len(BODY_TERMS)))
+    for joint, body in enumerate(tree.body):
+        for term, (other, size) in enumerate(_changed(tree.model, body)):
+            load = tree.loads(other, motion, few)
+            bodies[0, :, :, joint, term] = (load.rest - rest) / size
+            bodies[1, :, :, joint, term] = (load.inertia - inertia) / size
+    tilt = []
+    for angles in np.eye(2) * 0.05:
+        turned = mujoco.MjModel.__copy__(tree.model)
+        turned.opt.gravity[:] = tilted(tree.model.opt.gravity, angles)
+        tilt.append((tree.loads(turned, motion, few).rest - rest) / 0.05)
+    draws = (
+        np.stack([load.rest - rest for load in drawn], -1),
+        np.stack([load.inertia - inertia for load in drawn], -1),
+    )
+    return Loads(nominal, draws, bodies, np.stack(tilt, -1))
+
+
+def _changed(model: mujoco.MjModel, body: int) -> list[tuple[mujoco.MjModel, float]]:
+    """Models with one body term each, and its size: see BODY_TERMS."""
+    size = 0.1 * float(model.body_subtreemass[body])
+    heavy = mujoco.MjModel.__copy__(model)
+    heavy.body_mass[body] += size
+    variants = [(heavy, size)]
+    for axis in range(3):
+        moved = mujoco.MjModel.__copy__(model)
+        moved.body_ipos[body, axis] += 0.01
+        variants.append((moved, 0.01))
+    return variants
+
+
+def shapes(loads: list[Loads]) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Main load shapes that body tolerances may add, per run [m, J, TERMS].
+
+    A unit of each is one standard deviation (principal components, joint by joint).
+    """
+    sizes = [(*load.draws[0].shape[:2], TERMS) for load in loads]
+    out = [(np.zeros(size), np.zeros(size)) for size in sizes]
+    for joint in range(loads[0].draws[0].shape[1]):
+        flat = np.concatenate([l.draws[0][:, joint] for l in loads])
+        _, _, right = np.linalg.svd(flat, full_matrices=False)
+        mix = right[:TERMS].T / np.sqrt(flat.shape[1])
+        for (rest, inertia), load in zip(out, loads, strict=True):
+            rest[:, joint] = load.draws[0][:, joint] @ mix
+            inertia[:, joint] = load.draws[1][:, joint] @ mix
+    return out

@@ -1,0 +1,204 @@
+"""How well a world predicts logs that nothing was fitted to."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gatjax.data.trajectories import JointRun
+from gatjax.grounding.gat import learn_forward, next_angle
+from gatjax.grounding.network import Network
+from gatjax.grounding.transitions import HISTORY
+from gatjax.robot.model import slots
+from gatjax.sim.episode import coupled
+from gatjax.sim.limbs import put_down
+from gatjax.sim.native import Native
+from gatjax.sim.replay import replay_many
+from gatjax.sim.world import World, stacked
+
+SETTLE = 0.5  # s at the first command before a log
+HORIZONS = (None, 0.5, 0.1, 0.0)  # s; None: the whole log, 0: one step
+STRIDE = 0.1  # s between two windows
+WARM = 0.12  # s of a window that only fills the effects' memories
+BACK = 6  # samples of the parabola that gives the velocity at a window's start
+BLOCK = 1.0  # s that the bootstrap draws together
+DRAWS = 400
+PIECE = 2.0  # s of a piece of the fit data, for the learned model's early stopping
+
+
+class Errors(NamedTuple):
+    """Squared errors of one prediction, rad^2: [n, J], and their blocks [n]."""
+
+    squared: np.ndarray
+    block: np.ndarray
+
+    def rmse(self) -> np.ndarray:
+        """Root mean square [J], rad."""
+        return np.sqrt(self.squared.mean(0))
+
+
+def ticks(run: JointRun, period: float) -> tuple[np.ndarray, np.ndarray]:
+    """Even ticks [T] s of a run, and the command in force at each [T, J]."""
+    stamps = run.time - run.time[0]
+    even = np.arange(int(np.ceil(stamps[-1] / period - 1e-6)) + 1) * period
+    held = np.searchsorted(stamps, even + 0.25 * period, side="right") - 1
+    return even, run.command[np.maximum(held, 0)]
+
+
+def whole_log(world: World, runs: list[JointRun]) -> list[np.ndarray]:
+    """Open-loop predictions [N, J] rad at the stamps of runs, from rest."""
+    period = world.task.control_period
+    lead = round(SETTLE / period)
+    played = [ticks(run, period) for run in runs]
+    longest = max(len(even) for even, _ in played)
+    commands = np.stack(
+        [
+            np.pad(c, ((lead, longest - len(c)), (0, 0)), mode="edge")
+            for _, c in played
+        ]
+    )  # fmt: skip
+    values = stacked([world.values] * len(runs))
+    qpos = np.stack([put_down(world.model, c[0]) for c in commands])
+    angle = replay_many(world, values, commands, qpos, np.zeros(world.model.nv))
+    out = []
+    for k, (run, (even, _)) in enumerate(zip(runs, played, strict=True)):
+        series = np.asarray(angle.reading.angle)[k, lead : lead + len(even)]
+        stamps = run.time - run.time[0]
+        out.append(np.stack([np.interp(stamps, even, s) for s in series.T], -1))
+    return out
+
+
+class Windows(NamedTuple):
+    """Pieces of logs: commands [B, W + T, J], angles [B, W + T, J], starts, blocks."""
+
+    command: np.ndarray
+    angle: np.ndarray
+    velocity: np.ndarray  # [B, J] rad/s at the start
+    block: np.ndarray
+
+
+def windows(runs: list[JointRun], period: float) -> Windows:
+    """Cut runs into windows of the longest horizon after a warm-up."""
+    warm, length = round(WARM / period) + BACK, round(0.5 / period)
+    stride, rows = max(1, round(STRIDE / period)), []
+    for number, run in enumerate(runs):
+        for first in range(0, len(run.time) - warm - length, stride):
+            part = slice(first, first + warm + length)
+            past = slice(first + warm - BACK, first + warm)
+            time = run.time[past] - run.time[first + warm - 1]
+            slope = np.polyfit(time, run.angle[past], 2)[1]
+            block = number * 1000 + int(run.time[first] / BLOCK)
+            rows.append((run.command[part], run.angle[part], slope, block))
+    return Windows(*(np.array(column) for column in zip(*rows, strict=True)))
+
+
+def windowed(world: World, cut: Windows, period: float) -> np.ndarray:
+    """Predictions [B, T, J] rad of windows, each from its measured start."""
+    warm = round(WARM / period) + BACK
+    model, where = world.model, slots(world.model)
+    start = cut.angle[:, warm - 1]
+    qpos = np.stack([put_down(world.model, angle) for angle in start])
+    qvel = np.zeros((len(qpos), model.nv))
+    qvel[:, where.velocity] = cut.velocity
+    dofs = [model.jnt_dofadr[ids] for ids in (model.eq_obj1id, model.eq_obj2id)]
+    if len(coupled(model)[0]):
+        qvel[:, dofs[0]] = qvel[:, dofs[1]]
+    # Row t holds the angle when command t comes into force: command warm - 1 acts
+    # from the start on.
+    commands = cut.command[:, :-1]
+    past = cut.angle[:, : warm - 1]
+    return Native(world).replay(world.values, commands, past, qpos, qvel)
+
+
+def learned_windows(forward: Network, cut: Windows, period: float) -> np.ndarray:
+    """The same by a learned forward model."""
+    warm = round(WARM / period) + BACK
+    return _rolled(forward, cut.angle[:, :warm], cut.command, warm)
+
+
+def _rolled(
+    forward: Network, past: np.ndarray, command: np.ndarray, warm: int
+) -> np.ndarray:
+    """Roll the learned model over commands [B, T, J] from past angles [B, W, J]."""
+    order = np.arange(warm - 1, warm - 2 - HISTORY, -1)
+
+    def one(angles: jnp.ndarray, actions: jnp.ndarray) -> jnp.ndarray:
+        def step(history: jnp.ndarray, now: jnp.ndarray) -> tuple:
+            following = next_angle(forward, history, now)
+            return jnp.concatenate([following[None], history[:-1]]), following
+
+        steps = jnp.arange(warm - 1, actions.shape[0] - 1)
+        stack = actions[steps[:, None] - jnp.arange(HISTORY + 1)]
+        return jax.lax.scan(step, angles, stack)[1]
+
+    first = jnp.asarray(past[:, order], jnp.float32)
+    rolled = jax.jit(jax.vmap(one))(first, jnp.asarray(command, jnp.float32))
+    return np.asarray(rolled, np.float64)
+
+
+def learn(runs: list[JointRun], seed: int) -> Network:
+    """The forward model of GAT, trained on pieces of the fit data."""
+    pieces = []
+    for run in runs:
+        count = max(2, round((run.time[-1] - run.time[0]) / PIECE))
+        for part in np.array_split(np.arange(len(run.time)), count):
+            pieces.append(
+                run._replace(
+                    time=run.time[part],
+                    command=run.command[part],
+                    angle=run.angle[part],
+                )
+            )
+    return learn_forward(pieces, seed)[0]
+
+
+def learned_log(forward: Network, runs: list[JointRun]) -> list[np.ndarray]:
+    """Open-loop predictions [N, J] of whole runs by the learned model."""
+    out = []
+    for run in runs:
+        warm = HISTORY + 1
+        rolled = _rolled(forward, run.angle[None, :warm], run.command[None], warm)
+        out.append(np.concatenate([run.angle[:warm], np.clip(rolled[0], -10.0, 10.0)]))
+    return out
+
+
+def log_errors(runs: list[JointRun], predicted: list[np.ndarray]) -> Errors:
+    """Errors at every row of whole logs."""
+    squared = [np.square(r.angle - p) for r, p in zip(runs, predicted, strict=True)]
+    blocks = [
+        number * 1000 + ((run.time - run.time[0]) / BLOCK).astype(int)
+        for number, run in enumerate(runs)
+    ]
+    return Errors(np.concatenate(squared), np.concatenate(blocks))
+
+
+def window_errors(
+    cut: Windows, predicted: np.ndarray, horizon: float, period: float
+) -> Errors:
+    """Errors at the end of a horizon."""
+    warm = round(WARM / period) + BACK
+    row = max(1, round(horizon / period)) - 1
+    error = predicted[:, row] - cut.angle[:, warm + row]
+    return Errors(np.square(error), cut.block)
+
+
+def interval(
+    before: Errors, after: Errors, joint: int | None, seed: int
+) -> tuple[float, float]:
+    """95 % interval of the gain 1 - after / before (block bootstrap, Kunsch 1989)."""
+    pick = slice(None) if joint is None else slice(joint, joint + 1)
+    names, index = np.unique(before.block, return_inverse=True)
+    sums = np.stack(
+        [
+            np.bincount(index, e.squared[:, pick].mean(1), len(names))
+            for e in (before, after)
+        ]
+    )
+    counts = np.bincount(index, minlength=len(names))
+    draw = np.random.default_rng(seed).integers(0, len(names), (DRAWS, len(names)))
+    total = sums[:, draw].sum(-1) / counts[draw].sum(-1)
+    gain = 1.0 - np.sqrt(total[1] / np.maximum(total[0], 1e-18))
+    return float(np.quantile(gain, 0.025)), float(np.quantile(gain, 0.975))

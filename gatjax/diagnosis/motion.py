@@ -1,0 +1,100 @@
+"""How the joints moved in a run, on the even grid of the simulations."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.signal import savgol_coeffs
+
+from gatjax.data.trajectories import JointRun
+
+WINDOW = 0.09  # s, of the local parabola that gives velocity and acceleration
+LEAD = 0.4  # s at rest before a run
+FINE = 5  # simulation steps between two points of a motion
+
+
+class Motion(NamedTuple):
+    """Joint motion of one run on an even grid: [M] s, then [M, J] rad, rad/s, rad/s^2."""
+
+    time: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+
+
+def smoothed(run: JointRun, angle: np.ndarray, time: np.ndarray) -> Motion:
+    """Fit a parabola around every sample (Savitzky-Golay on an even grid).
+
+    Args:
+        run: gives the stamps.
+        angle: [N, J] rad at the stamps.
+        time: [M] s since the first stamp, of the result.
+    """
+    stamps = run.time - run.time[0]
+    count = round(stamps[-1] / float(np.median(np.diff(stamps)))) + 1
+    even = np.linspace(0.0, stamps[-1], count)
+    half = max(2, round(0.5 * WINDOW / even[1]))
+    padded = np.stack([np.interp(even, stamps, q) for q in angle.T], -1)
+    padded = np.pad(padded, ((half, half), (0, 0)), mode="edge")
+    series = []
+    for order in range(3):
+        kernel = savgol_coeffs(2 * half + 1, 2, deriv=order, delta=even[1], use="conv")
+        smooth = [np.convolve(q, kernel, mode="valid") for q in padded.T]
+        series.append(np.stack([np.interp(time, even, s) for s in smooth], -1))
+    return Motion(time, *series)
+
+
+def simulated(
+    run: JointRun, time: np.ndarray, angle: np.ndarray, rest: np.ndarray
+) -> Motion:
+    """A simulated motion [M, J], carried to the measured one by a smooth difference.
+
+    The simulation has the fast parts that smoothing would lose, the measurement the
+    slow ones that the simulation misses.
+
+    Args:
+        run: gives the stamps.
+        time: [M] s.
+        angle: simulated [M, J] rad.
+        rest: measured minus simulated readings [N, J] rad at the stamps.
+    """
+    added = smoothed(run, rest, time)
+    step = time[1] - time[0]
+    velocity = np.gradient(angle, step, axis=0)
+    acceleration = np.zeros_like(angle)
+    acceleration[1:-1] = np.diff(angle, 2, axis=0) / step**2
+    return Motion(
+        time, angle + added.position, velocity + added.velocity,
+        acceleration + added.acceleration,
+    )  # fmt: skip
+
+
+def grid_time(runs: list[JointRun], step: float) -> np.ndarray:
+    """Grid of the simulations [K] s: a lead at rest, then the longest run."""
+    lead = round(LEAD / step)
+    longest = max(run.time[-1] - run.time[0] for run in runs)
+    count = -(-(lead + int(np.ceil(longest / step)) + 2) // FINE) * FINE
+    return (np.arange(count) - lead) * step
+
+
+def cells(time: np.ndarray, command: np.ndarray, grid: np.ndarray) -> np.ndarray:
+    """Mean of a held command [N, J] over each step of a grid [K] -> [K, J]."""
+    step = grid[1] - grid[0]
+    edges = np.append(grid, grid[-1] + step)
+    start = np.concatenate([[min(edges[0], time[0]) - step], time[1:], [edges[-1] + 1]])
+    total = np.concatenate(
+        [
+            np.zeros((1, command.shape[1])),
+            np.cumsum(command * np.diff(start)[:, None], 0),
+        ]
+    )
+    area = np.stack([np.interp(edges, start, column) for column in total.T], -1)
+    return np.diff(area, axis=0) / step
+
+
+def spread(grid: np.ndarray, time: np.ndarray, series: np.ndarray) -> np.ndarray:
+    """Interpolate series [N, ...] onto the grid [K], held at the ends."""
+    flat = series.reshape(len(time), -1)
+    out = np.stack([np.interp(grid, time, column) for column in flat.T], -1)
+    return out.reshape(len(grid), *series.shape[1:])

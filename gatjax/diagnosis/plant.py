@@ -1,0 +1,188 @@
+"""One joint, simulated alone with every cause of the catalogue as a number.
+
+A neutral number switches a law off, so one compilation serves all hypotheses. Both
+plants are implicit in speed and stick exactly: dry friction takes at most the momentum
+that there is.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from gatjax.diagnosis import laws
+from gatjax.diagnosis.laws import Drive, Grid, Servo
+
+Array = Any
+DAMPING_RATIO = 0.2  # of the gear's spring against the two inertias
+
+
+class Rigid(NamedTuple):
+    """A joint whose gear does not give, each [R, S]."""
+
+    q: Array
+    v: Array
+    carried: Array  # torque through the gear, N m
+    bristle: Array  # rad, what dry friction has yielded
+    servo: Servo
+
+    def seen(self, p: Drive) -> Array:
+        """Angle at the encoder, rad."""
+        return self.q
+
+
+class Geared(NamedTuple):
+    """A joint whose motor and link are two inertias, each [R, S]."""
+
+    q: Array  # link
+    v: Array
+    turned: Array  # motor
+    turning: Array
+    carried: Array
+    bristle: Array
+    servo: Servo
+
+    def seen(self, p: Drive) -> Array:
+        """Angle at the encoder, on the motor or on the link, rad."""
+        return p.sensed * self.turned + (1.0 - p.sensed) * self.q
+
+
+def _beyond(twist: Array, half: Array) -> Array:
+    return jnp.sign(twist) * jnp.maximum(jnp.abs(twist) - half, 0.0)
+
+
+def rubbed(
+    p: Drive, free: Array, solid: Array, carried: Array, bristle: Array, h: float
+) -> tuple[Array, Array]:
+    """Speed and bristle after dry friction: an elastic, perfectly plastic element.
+
+    It yields like a spring up to `give`, then slips at the friction level (Prandtl
+    1928); solved implicitly, so that it neither creeps nor chatters.
+    """
+    level = laws.dry_friction(p, free, carried)
+    stiff = h * level / p.give
+    stuck = (solid * free - stiff * bristle) / (solid + h * stiff)
+    moved = bristle + h * stuck
+    slips = jnp.abs(moved) > p.give
+    slid = free - jnp.sign(moved) * h * level / solid
+    return (
+        jnp.where(slips, slid, stuck),
+        jnp.where(slips, jnp.sign(moved) * p.give, moved),
+    )
+
+
+def rigid_step(p: Drive, g: Grid, u: Array, s: Rigid, h: float) -> Rigid:
+    """One step of a joint with a rigid gear."""
+    memory, push = laws.servo(p, g, u, s.servo, s.q + p.zero_in, s.v, h)
+    inertia, torque = laws.link(p, g, s.q, s.v)
+    total = inertia + p.armature
+    resist = p.kv + h * push.gain
+    given = total * s.v + h * (torque + laws.ripple(p, s.q))
+    free = (given + h * push.push) / (total + h * (resist + p.damping))
+    asked = push.push - resist * free
+    bound = jnp.clip(asked, push.low, push.high)
+    inside = bound == asked
+    solid = total + h * (p.damping + jnp.where(inside, resist, 0.0))
+    free = (given + h * jnp.where(inside, push.push, bound)) / solid
+    v, bristle = rubbed(p, free, solid, s.carried, s.bristle, h)
+    done = jnp.where(inside, push.push - resist * v, bound)
+    carried = inertia * (v - s.v) / h - torque
+    return Rigid(s.q + h * v, v, carried, bristle, laws.warmed(p, memory, done, h))
+
+
+def geared_step(p: Drive, g: Grid, u: Array, s: Geared, h: float) -> Geared:
+    """One step of motor, gap with spring, and link."""
+    seen = s.seen(p) + p.zero_in
+    memory, push = laws.servo(p, g, u, s.servo, seen, s.turning, h)
+    inertia, torque = laws.link(p, g, s.q, s.v)
+    beyond = _beyond(s.turned - s.q, 0.5 * p.width)
+    reduced = p.armature * inertia / (p.armature + inertia)
+    loss = 2.0 * DAMPING_RATIO * jnp.sqrt(p.stiffness * reduced)
+    tie = jnp.where(beyond != 0.0, h * (h * p.stiffness + loss), 0.0)
+    spring = h * p.stiffness * beyond
+    resist = p.kv + h * push.gain * p.sensed
+    low = inertia + tie
+    onto = inertia * s.v + spring + h * torque
+    given = p.armature * s.turning - spring + tie * onto / low
+    given += h * laws.ripple(p, s.turned)
+    bare = p.armature + tie - tie * tie / low + h * p.damping
+    free = (given + h * push.push) / (bare + h * resist)
+    asked = push.push - resist * free
+    bound = jnp.clip(asked, push.low, push.high)
+    inside = bound == asked
+    solid = bare + jnp.where(inside, h * resist, 0.0)
+    free = (given + h * jnp.where(inside, push.push, bound)) / solid
+    turning, bristle = rubbed(p, free, solid, s.carried, s.bristle, h)
+    v = (onto + tie * turning) / low
+    carried = (spring + tie * (turning - v)) / h
+    done = jnp.where(inside, push.push - resist * turning, bound)
+    memory = laws.warmed(p, memory, done, h)
+    turned = s.turned + h * turning
+    return Geared(s.q + h * v, v, turned, turning, carried, bristle, memory)
+
+
+def _delayed(target: Array, delay: Array, h: float) -> Any:
+    """Function of a step number: the command cells [R, K], late by a delay [S]."""
+    steps = delay / h
+    whole = jnp.floor(steps)
+    part = (steps - whole).astype(target.dtype)
+    whole = whole.astype(jnp.int32)
+
+    def at(k: Array) -> Array:
+        newer, older = jnp.maximum(k - whole, 0), jnp.maximum(k - whole - 1, 0)
+        return target[:, newer] * (1.0 - part) + target[:, older] * part
+
+    return at
+
+
+def _simulate(p: Drive, grid: Grid, h: float, geared: bool) -> tuple[Any, Array]:
+    """Last state, and the encoder's angle [K, R, S], from rest at the first command."""
+    at = _delayed(grid.target.T, p.delay, h)
+    first = at(jnp.zeros((), jnp.int32))
+    zero = jnp.zeros_like(first)
+    memory = Servo(first, first, zero, zero)
+    start: Any = Rigid(first, zero, zero, zero, memory)
+    if geared:
+        start = Geared(first, zero, first, zero, zero, zero, memory)
+    advance: Any = geared_step if geared else rigid_step
+
+    def step(state: Any, x: tuple) -> tuple[Any, Array]:
+        k, g = x
+        state = advance(p, g, at(k), state, h)
+        return state, state.seen(p)
+
+    count = jnp.arange(grid.target.shape[0], dtype=jnp.int32)
+    return jax.lax.scan(step, start, (count, grid))
+
+
+def _read(p: Drive, seen: Array, time: Array, lead: int, h: float) -> Array:
+    """Readings at the stamps [R, N] -> [R, N, S], with the encoder's errors."""
+    at = time[..., None] * (1.0 - p.drift) - p.late
+    place = jnp.clip(at / h + (lead - 1.0), 0.0, seen.shape[0] - 2.0)
+    whole = jnp.floor(place)
+    part = (place - whole).astype(seen.dtype)
+    index = whole.astype(jnp.int32)
+    run = jnp.arange(time.shape[0])[:, None, None]
+    sim = jnp.arange(p.kp.shape[0])
+    q = seen[index, run, sim] * (1.0 - part) + seen[index + 1, run, sim] * part
+    return (q + p.zero_in + p.zero_out) * p.scale
+
+
+class Outcome(NamedTuple):
+    """Of S simulations: readings [R, N, S] rad, angle [K, R, S] rad, last heat [R, S]."""
+
+    readings: Array
+    angle: Array
+    heat: Array
+
+
+def _run(
+    p: Drive, grid: Grid, time: Array, lead: int, h: float, geared: bool
+) -> Outcome:
+    state, seen = _simulate(p, grid, h, geared)
+    return Outcome(_read(p, seen, time, lead, h), seen, state.servo.heat)
+
+
+simulate = jax.jit(_run, static_argnames=("lead", "h", "geared"))

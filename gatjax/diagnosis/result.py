@@ -1,0 +1,192 @@
+"""diagnosis.json: what a diagnosis found, in the words of the contract."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gatjax.diagnosis import extend
+from gatjax.diagnosis.claims import Claim
+from gatjax.diagnosis.fit import spread
+from gatjax.diagnosis.hypotheses import COUNT, RELATIVE, ZERO, numbers
+from gatjax.diagnosis.unexplained import explore
+from gatjax.diagnosis.verdict import Cause, Verdict
+from gatjax.effects.catalogue import CATALOGUE
+
+SCHEMA = "gatjax.diagnosis/1"
+DRAWS = 48  # of a cause's coordinates, for its interval
+SHOWN = 25  # candidates in the file
+UNITS = {"no_torque_speed": "rad/s"}
+
+
+def interval(verdict: Verdict, claim: Claim, seed: int) -> dict[str, dict[str, Any]]:
+    """Parameters with their 90 % intervals, from draws of the coordinates."""
+    best = extend.parameters(verdict, claim)
+    entry = CATALOGUE[claim.hypothesis.cause]
+    units = {p.name: p.unit for p in entry.parameters} | UNITS
+    draws = {name: [value] for name, value in best.items()}
+    if claim.covariance is not None and len(claim.own):
+        low, high = np.array(claim.hypothesis.low), np.array(claim.hypothesis.high)
+        noise = np.random.default_rng(seed).normal(size=(DRAWS, len(claim.own)))
+        root = np.linalg.cholesky(claim.covariance + 1e-18 * np.eye(len(claim.own)))
+        for row in noise:
+            own = np.clip(claim.own + root @ row, low, high)
+            drawn = extend.parameters(verdict, claim._replace(own=own))
+            for name, value in drawn.items():
+                draws[name].append(value)
+    elif claim.lost:
+        told = max(best["probability"], 1e-3)
+        half = 1.645 * np.sqrt(told * (1.0 - told) / 400.0)
+        draws["probability"] += [max(told - half, 0.0), told + half]
+    out = {}
+    for name, value in best.items():
+        low_value, high_value = np.quantile(draws[name], (0.05, 0.95))
+        if claim.lost and name == "probability":
+            low_value, high_value = min(draws[name]), max(draws[name])
+        out[name] = {
+            "value": value, "low": float(min(low_value, value)),
+            "high": float(max(high_value, value)), "unit": units.get(name, "1"),
+        }  # fmt: skip
+    return out
+
+
+def cause_row(verdict: Verdict, cause: Cause, seed: int) -> dict[str, Any]:
+    """One entry of `causes`."""
+    return {
+        "cause": cause.claim.hypothesis.cause,
+        "variant": cause.claim.hypothesis.variant,
+        "where": extend.places(verdict, cause.claim),
+        "parameters": interval(verdict, cause.claim, seed),
+        "probability": round(cause.probability, 4),
+        "equivalent": cause.equivalent,
+        "log_evidence": round(cause.claim.gain, 1),
+    }
+
+
+def candidates(verdict: Verdict) -> list[dict[str, Any]]:
+    """Everything that was weighed for the first causes, best first."""
+    rows = []
+    for number, cause in enumerate(verdict.causes, start=1):
+        everything = [(cause.claim, cause.probability), *cause.rivals]
+        for claim, probability in everything[:SHOWN]:
+            rows.append(_candidate(verdict, claim, probability) | {"step": number})
+    if verdict.law is not None:
+        rows.append(_candidate(verdict, verdict.law, 0.0) | {"step": len(rows) + 1})
+    rows += [
+        _candidate(verdict, claim, 0.0) | {"step": len(verdict.causes) + 1}
+        for claim in verdict.last[:SHOWN]
+    ]
+    return rows
+
+
+def _candidate(verdict: Verdict, claim: Claim, probability: float) -> dict[str, Any]:
+    """One row of `candidates`."""
+    joints = verdict.judge.joints
+    fit = next(iter(claim.fits.values()))
+    named = claim.hypothesis.cause
+    return {
+        "cause": named or claim.hypothesis.variant,
+        "variant": claim.hypothesis.variant if named else "not in the catalogue",
+        "where": [joints[k].name for k in claim.where],
+        "log_evidence": round(claim.gain, 1),
+        "probability": round(float(probability), 4),
+        "rms": fit.rms(),
+    }
+
+
+def joint_rows(verdict: Verdict) -> list[dict[str, Any]]:
+    """Misfit of every joint: noise, tolerances alone, named causes."""
+    rows = []
+    judge = verdict.judge
+    for joint, healthy, known in zip(
+        judge.joints, judge.case.healthy, judge.known, strict=True
+    ):
+        nominal = judge.case.joints[joint.index].residual(
+            [numbers(joint, None, np.zeros(COUNT))], False
+        )
+        left = max(0.0, healthy.rms() ** 2 - spread(joint) ** 2)
+        rows.append(
+            {
+                "name": joint.name,
+                "noise": joint.noise,
+                "nominal_rms": float(np.sqrt(np.mean(np.square(nominal)))),
+                "tolerance_rms": healthy.rms(),
+                "extended_rms": known.rms(),
+                "beyond_tolerance": left / healthy.rms() ** 2,
+            }
+        )
+    return rows
+
+
+def calibration_rows(verdict: Verdict) -> list[dict[str, Any]]:
+    """Nominal numbers and what the logs say of them, within the tolerances."""
+    rows = []
+    units = {"kp": "N*m/rad", "kv": "N*m*s/rad", "damping": "N*m*s/rad",
+             "armature": "kg*m^2", "limit": "N*m", "friction": "N*m"}  # fmt: skip
+    for joint, fit in zip(verdict.judge.joints, verdict.judge.known, strict=True):
+        drive = numbers(joint, None, fit.x[:COUNT])
+        for name, share in RELATIVE.items():
+            if name not in units:
+                continue
+            rows.append(
+                {"parameter": name, "where": joint.name, "unit": units[name],
+                 "nominal": joint.nominal[name], "fitted": drive[name],
+                 "tolerance": share * joint.nominal[name]}
+            )  # fmt: skip
+        rows.append(
+            {"parameter": "encoder zero", "where": joint.name, "unit": "rad",
+             "nominal": 0.0, "fitted": drive["zero_out"], "tolerance": ZERO}
+        )  # fmt: skip
+    return rows
+
+
+def sentence(verdict: Verdict, rows: list[dict[str, Any]]) -> str:
+    """The verdict in one sentence a person understands."""
+    named = " and ".join(_phrase(row) for row in rows)
+    names = [verdict.judge.joints[k].name for k in verdict.unexplained]
+    left = ", ".join(names[:4]) + (" and others" if len(names) > 4 else "")
+    if verdict.verdict == "none":
+        return "The simulation agrees with the logs within its tolerances."
+    if verdict.verdict == "named":
+        return f"The simulation lacks {named}."
+    if verdict.verdict == "ambiguous":
+        return f"The simulation most likely lacks {named}, but the logs leave a doubt."
+    start = f"The simulation lacks {named}; besides, " if rows else ""
+    text = f"something at {left} is wrong that no cause of the catalogue explains"
+    if verdict.law is not None:
+        text += f"; it looks like {verdict.law.hypothesis.variant}"
+    return start + (text if rows else text[0].upper() + text[1:]) + "."
+
+
+def unexplained(verdict: Verdict) -> dict[str, Any]:
+    """What no cause explains: how much, where, and what it may be."""
+    judge = verdict.judge
+    names = [judge.joints[k].name for k in verdict.unexplained]
+    before = sum(fit.rms() ** 2 for fit in judge.case.healthy)
+    floor = sum(spread(joint) ** 2 for joint in judge.joints)
+    left = sum(fit.rms() ** 2 for fit in judge.known)
+    share = max(0.0, left - floor) / max(before, floor)
+    found: dict[str, Any] = {"depends_on": [], "term": None}
+    if names:
+        index = max(
+            verdict.unexplained,
+            key=lambda k: judge.known[k].rms() / judge.joints[k].noise,
+        )
+        found = explore(judge.case, judge.joints[index], judge.known[index])
+    if verdict.law is not None:
+        values = extend.parameters(verdict, verdict.law)
+        told = ", ".join(f"{name} {value:.3g}" for name, value in values.items())
+        found["law"] = f"{verdict.law.hypothesis.variant} ({told})"
+    return {"significant": bool(names), "share": float(share), "where": names, **found}
+
+
+def _phrase(row: dict[str, Any]) -> str:
+    """A cause in words: name, size, place, alternatives."""
+    name, value = next(iter(row["parameters"].items()))
+    where = ", ".join(row["where"])
+    where = "all joints" if where == "all" else where
+    unit = "" if value["unit"] == "1" else f" {value['unit']}"
+    other = f" (or {' or '.join(row['equivalent'])})" if row["equivalent"] else ""
+    words = row["cause"].replace("_", " ")
+    return f"{words}{other} of {value['value']:.3g}{unit} ({name}) at {where}"

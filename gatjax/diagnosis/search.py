@@ -1,0 +1,146 @@
+"""Which hypotheses explain a joint: scan the whole bank, refine the promising ones."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gatjax.diagnosis import fit as fits
+from gatjax.diagnosis.fit import Fit
+from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined
+from gatjax.diagnosis.joint import Joint
+
+STARTS = 2  # of each hypothesis that are refined
+KEPT = (40, 12, 6, 4)  # hypotheses after each round
+ROUNDS = (1, 2, 3, 5)  # iterations in each round
+BEHIND = 40.0  # nats behind the best: dropped
+PROMISING = 2.0  # nats: less is nothing
+SHAKEN, TRIES = 2, 96  # fits that are restarted, and from how many neighbours
+ROUGH = 1.6  # times the noise: a fit that leaves more may be in a bad place
+CALM, SPARE = 1.35, 18.0  # times the noise; squared deviations of all tolerances
+
+
+def healthy(joint: Joint, x: np.ndarray | None = None) -> Fit:
+    """The joint with its tolerances only, fitted from coordinates x [COUNT]."""
+    start = np.zeros(COUNT) if x is None else x
+    first = fits.start(joint, [(None, start)])
+    return fits.improve(joint, first, 12 if x is None else 6)[0]
+
+
+def scan(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
+    """Best starts of every hypothesis added to a fit, the rest adjusted linearly.
+
+    Sine laws start as pairs of equal rate, whose two amplitudes are solved for.
+    """
+    base = fits.linearised(joint, [base])[0]
+    owners = [combined(base.hypothesis, h) for h in bank]
+    points = [
+        (owner, np.append(base.x, s))
+        for owner, h in zip(owners, bank, strict=True)
+        for s in h.starts
+    ]
+    found = fits.residuals(joint, points)
+    options, first = [], 0
+    for owner, hypothesis in zip(owners, bank, strict=True):
+        starts = np.array(hypothesis.starts)
+        shifts = found[:, first : first + len(starts)] - base.residual[:, None]
+        first += len(starts)
+        if _is_sine(hypothesis):
+            starts, shifts = _solved(joint, base, starts, shifts)
+        tries = [
+            (*_adjusted(joint, base, shift), own)
+            for own, shift in zip(starts, shifts.T, strict=True)
+        ]
+        tries.sort(key=lambda option: option[0])
+        options += [(owner, np.append(x, own)) for _, x, own in tries[:STARTS]]
+    return fits.start(joint, options)
+
+
+def _is_sine(hypothesis: Hypothesis) -> bool:
+    """Whether the starts are pairs of amplitudes with one rate."""
+    starts = hypothesis.starts
+    return len(starts) > 8 and len(starts[0]) == 3 and starts[0][2] == starts[1][2]
+
+
+def _adjusted(joint: Joint, base: Fit, shift: np.ndarray) -> tuple[float, np.ndarray]:
+    """Cost and coordinates of a fit after a change of its residual, to first order."""
+    scale = fits.spread(joint)
+    residual = base.residual + shift
+    gradient = base.slopes.T @ residual / scale**2
+    gradient[:COUNT] += base.x[:COUNT]
+    low, high = fits.bounds(base.hypothesis)
+    x = np.clip(base.x - np.linalg.solve(base.information, gradient), low, high)
+    residual = residual + base.slopes @ (x - base.x)
+    return float(residual @ residual / scale**2 + x[:COUNT] @ x[:COUNT]), x
+
+
+def _solved(
+    joint: Joint, base: Fit, starts: np.ndarray, shifts: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """One start for each pair: the amplitudes that explain most beside the rest."""
+    scale = fits.spread(joint)
+    slopes, target = base.slopes / scale, base.residual / scale
+    solved, moved = [], []
+    for k in range(0, len(starts), 2):
+        responses = shifts[:, k : k + 2] / scale
+        apart = responses - slopes @ np.linalg.solve(
+            base.information, slopes.T @ responses
+        )
+        normal = responses.T @ apart + 1e-6 * np.eye(2)
+        weights = -np.linalg.solve(normal, apart.T @ target)
+        amplitudes = np.clip(weights @ starts[k : k + 2, :2], -0.9, 0.9)
+        solved.append(np.append(amplitudes, starts[k, 2]))
+        moved.append(shifts[:, k : k + 2] @ weights)
+    return np.array(solved), np.stack(moved, -1)
+
+
+def explain(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
+    """Fits of the bank's best hypotheses, best first, one per cause and variant.
+
+    The scan starts from the fit and from the nominal model: tolerances that imitate a
+    cause are a bad place to look for it.
+    """
+    plain = base.x.copy()
+    plain[:COUNT] = 0.0
+    fresh = fits.start(joint, [(base.hypothesis, plain)])[0]
+    found = scan(joint, base, bank) + scan(joint, fresh, bank)
+    known = fits.evidence(joint, base)
+    if _unsuspicious(joint, base, [fits.evidence(joint, f) - known for f in found]):
+        return _best(found, KEPT[-1])
+    for kept, rounds in zip(KEPT, ROUNDS, strict=True):
+        found = fits.improve(joint, _best(found, kept), rounds)
+        gains = [fits.evidence(joint, fit) - known for fit in found]
+        least = max(gains) - max(BEHIND, 0.6 * max(gains))
+        found = [f for f, gain in zip(found, gains, strict=True) if gain > least]
+    return _best(_shaken(joint, _best(found, len(found))), len(found))
+
+
+def _shaken(joint: Joint, found: list[Fit]) -> list[Fit]:
+    """Fits restarted from random neighbours, where stick and slip defeat gradients."""
+    rough = [f for f in found[:SHAKEN] if f.rms() > ROUGH * joint.noise]
+    draw = np.random.default_rng(joint.index)
+    for fit in rough:
+        low, high = fits.bounds(fit.hypothesis)
+        width = np.where(np.arange(len(low)) < COUNT, 0.6, 0.08 * (high - low))
+        points = fit.x + width * draw.normal(size=(TRIES, len(low)))
+        tries = fits.start(
+            joint, [(fit.hypothesis, x) for x in np.clip(points, low, high)]
+        )
+        best = sorted(tries, key=lambda one: one.cost)[:2]
+        found = found + fits.improve(joint, best, 4)
+    return found
+
+
+def _unsuspicious(joint: Joint, base: Fit, gains: list[float]) -> bool:
+    """Whether a joint fits its tolerances so well that no cause needs a closer look."""
+    spare = float(base.x[:COUNT] @ base.x[:COUNT])
+    calm = base.rms() < CALM * joint.noise and spare < SPARE
+    return calm and max(gains) < PROMISING
+
+
+def _best(found: list[Fit], kept: int) -> list[Fit]:
+    """The best fit of each hypothesis, best first, so many of them."""
+    chosen: dict[tuple, Fit] = {}
+    for fit in sorted(found, key=lambda fit: fit.cost):
+        assert fit.hypothesis is not None
+        chosen.setdefault((fit.hypothesis.cause, fit.hypothesis.variant), fit)
+    return list(chosen.values())[:kept]

@@ -1,0 +1,184 @@
+"""From claims to a verdict: none, named, ambiguous or unknown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from gatjax.diagnosis.case import Case
+from gatjax.diagnosis.claims import WORTH, Claim
+from gatjax.diagnosis.hypotheses import Hypothesis
+from gatjax.diagnosis.judge import Judge
+
+MOST_CAUSES = 3
+TEMPER = 0.5  # of the log evidence, so that probabilities are calibrated
+CERTAIN = 0.8  # probability from which a cause is named
+CLOSE = 3.0  # nats: two causes that the data cannot tell apart
+MARGIN = 10.0  # nats by which two named causes must beat an unnamed law
+TOLERABLE = 2.2  # times the reading noise: an explanation may leave that much
+LEAST_SHARE = 0.4  # of the misfit power at its joints that a cause has to explain
+VISIBLE = 0.5  # times the scatter from tolerances: a smaller change is not a cause
+EXPECTED = 1.3  # misfit power of a right model, in squares of the reading noise
+SPENT = 9.0  # squared deviations: tolerances that imitate a cause instead of a misfit
+REST = 0.02  # share of the misfit power that an explanation may leave
+ALIASES = (
+    frozenset({"command_delay", "measurement_delay"}),
+    frozenset({"damping_error", "viscous_friction"}),
+)
+"""Causes that logs of powered joints cannot tell apart (docs/diagnosis.md)."""
+ONE_JOINT = frozenset({"com_shift", "gravity_tilt"})
+
+
+class Cause(NamedTuple):
+    """A named cause with what else it could be."""
+
+    claim: Claim
+    probability: float
+    rivals: list[tuple[Claim, float]]  # best first, with their probabilities
+    equivalent: list[str]
+
+
+class Verdict(NamedTuple):
+    """What a diagnosis says."""
+
+    verdict: str
+    causes: list[Cause]
+    unexplained: list[int]  # joints whose misfit no cause explains
+    law: Claim | None  # the unnamed law that explains best, if there is one
+    last: list[Claim]  # what was weighed after the last cause, best first
+    judge: Judge
+
+
+def decide(case: Case, tell: Callable[[str, float], None]) -> Verdict:
+    """Name causes one after the other until nothing worth naming is left."""
+    judge = Judge(case, tell)
+    causes: list[Cause] = []
+    law: Claim | None = None
+    claims = judge.claims()
+    while len(causes) < MOST_CAUSES:
+        best = next((c for c in claims if worth_naming(judge, c)), None)
+        if best is None:
+            break
+        if not best.hypothesis.cause or explained(judge, best) < LEAST_SHARE:
+            named = _pair(judge, claims, best)
+            if named is None:
+                law = best if not best.hypothesis.cause else None
+                break
+            best = named
+        causes.append(_weighed(judge, best, claims))
+        judge.accept(best)
+        claims = [claim for claim in judge.claims() if not _again(claim, causes)]
+    left = [k for k in range(len(judge.joints)) if not adequate(judge, case, k)]
+    if law is not None:
+        left = sorted({*left, *law.where})
+    causes = [_doubted(cause, left) for cause in causes]
+    return Verdict(_word(causes, left), causes, left, law, claims, judge)
+
+
+def worth_naming(judge: Judge, claim: Claim) -> bool:
+    """Whether a claim is well supported, and larger than what tolerances do."""
+    if claim.gain < WORTH:
+        return False
+    return not claim.hypothesis.cause or judge.visibility(claim) > VISIBLE
+
+
+def explained(judge: Judge, claim: Claim) -> float:
+    """Share of the misfit power beyond the noise that a claim explains at its joints."""
+    before = after = 0.0
+    for index, fit in claim.fits.items():
+        joint = judge.joints[index]
+        before += (judge.known[index].rms() / joint.noise) ** 2 - EXPECTED
+        after += (fit.rms() / joint.noise) ** 2 - EXPECTED
+    spent = sum(float(judge.known[k].x @ judge.known[k].x) for k in claim.fits)
+    calm = before < len(claim.fits) * EXPECTED and spent > len(claim.fits) * SPENT
+    return 1.0 if calm else 1.0 - max(after, 0.0) / max(before, 1e-9)
+
+
+def _again(claim: Claim, causes: list[Cause]) -> bool:
+    """Whether a claim repeats a cause at a place where it is known already."""
+    return any(
+        claim.hypothesis.cause == known.claim.hypothesis.cause
+        and set(claim.where) & set(known.claim.where)
+        for known in causes
+    )
+
+
+def _doubted(cause: Cause, left: list[int]) -> Cause:
+    """A cause that leaves its own joint unexplained is no more than a guess."""
+    if set(cause.claim.where) & set(left) and len(cause.claim.where) < 4:
+        return cause._replace(probability=min(cause.probability, 0.5))
+    return cause
+
+
+def _word(causes: list[Cause], left: list[int]) -> str:
+    if left:
+        return "unknown"
+    if not causes:
+        return "none"
+    sure = all(cause.probability >= CERTAIN for cause in causes)
+    return "named" if sure else "ambiguous"
+
+
+def adequate(judge: Judge, case: Case, index: int) -> bool:
+    """Whether what is known about a joint leaves no more than a right model would."""
+    joint, fit = judge.joints[index], judge.known[index]
+    level = fit.rms() / joint.noise
+    before = case.healthy[index].rms() / joint.noise
+    return level < TOLERABLE or level**2 < REST * before**2
+
+
+def _pair(judge: Judge, claims: list[Claim], law: Claim) -> Claim | None:
+    """The first of two named causes that explain a joint better than an unnamed law."""
+    named = [
+        claim for claim in claims
+        if claim.hypothesis.cause and claim.gain > WORTH
+        and set(claim.where) & set(law.where)
+    ][:2]  # fmt: skip
+    for first in named:
+        trial = Judge(judge.case, judge.tell)
+        trial.joints, trial.known = list(judge.joints), list(judge.known)
+        trial.accepted, trial.found = list(judge.accepted), dict(judge.found)
+        trial.accept(first)
+        second = trial.claims()[0]
+        both = first.gain + second.gain
+        enough = explained(trial, second) > LEAST_SHARE
+        if second.hypothesis.cause and second.gain > WORTH and enough:
+            if law.hypothesis.cause or both > law.gain + MARGIN:
+                return first
+    return None
+
+
+def alias(hypothesis: Hypothesis, joints: int) -> frozenset[str]:
+    """The causes that count as one with a hypothesis, itself included."""
+    classes = (*ALIASES, ONE_JOINT) if joints == 1 else ALIASES
+    for group in classes:
+        if hypothesis.cause in group:
+            return group
+    return frozenset({hypothesis.cause})
+
+
+def _weighed(judge: Judge, best: Claim, claims: list[Claim]) -> Cause:
+    """Probability of a claim against its rivals; aliases count as one."""
+    count = len(judge.joints)
+    mine = alias(best.hypothesis, count)
+    rivals = [c for c in claims if set(c.fits) & set(best.fits) and c is not best]
+    gains = np.array([best.gain, *(c.gain for c in rivals)])
+    weights = np.exp(TEMPER * (gains - gains.max()))
+    same = np.array([True, *(_same(c, best, mine) for c in rivals)])
+    probability = float(
+        weights[same].sum() / (weights.sum() + np.exp(-TEMPER * gains[0]))
+    )
+    shares = weights[1:] / weights.sum()
+    close = {
+        c.hypothesis.cause for c in rivals
+        if c.hypothesis.cause and c.where == best.where and best.gain - c.gain < CLOSE
+    }  # fmt: skip
+    equivalent = sorted((close | mine) - {best.hypothesis.cause})
+    return Cause(best, probability, list(zip(rivals, shares, strict=True)), equivalent)
+
+
+def _same(claim: Claim, best: Claim, aliases: frozenset[str]) -> bool:
+    """Whether a rival says the same: cause or alias, and place."""
+    return claim.hypothesis.cause in aliases and claim.where == best.where

@@ -1,0 +1,75 @@
+"""Effects on contacts as changes of model fields: friction, softness, worn soles."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+Array = Any
+Fields = dict[str, Array]
+
+
+def _touching(model: Any) -> np.ndarray:
+    """Return geoms that can touch, [...] ids."""
+    return np.flatnonzero((model.geom_contype != 0) | (model.geom_conaffinity != 0))
+
+
+def friction(model: Any, fields: Fields, mu: Array) -> Fields:
+    """Set the sliding friction of every geom that can touch to `mu`; NaN is neutral.
+
+    MuJoCo takes the larger of two geoms, or that of the geom with priority.
+    """
+    field = np.array(fields.get("geom_friction", model.geom_friction))
+    if not np.isnan(mu):
+        field[_touching(model), 0] = mu
+    return fields | {"geom_friction": field}
+
+
+def compliance(model: Any, fields: Fields, time_constant: Array) -> Fields:
+    """Set the time constant of contacts, s; NaN is neutral. MuJoCo's `solref`."""
+    field = np.array(fields.get("geom_solref", model.geom_solref))
+    if not np.isnan(time_constant):
+        geoms = _touching(model)
+        field[geoms, 1] = np.where(field[geoms, 0] > 0.0, field[geoms, 1], 1.0)
+        field[geoms, 0] = time_constant
+    return fields | {"geom_solref": field}
+
+
+def wear(model: Any, fields: Fields, params: dict[str, Array]) -> Fields:
+    """Wear off part of soles; params: {wear, x, y} [bodies], m and a direction.
+
+    Contact geoms of the body that lie on the side of the direction (x, y) of their
+    middle, in the body's frame, move up by `wear`. A body with one flat box as sole is
+    tilted instead, so that its edge on that side goes up by `wear`. 0 is neutral.
+    """
+    place = np.array(fields.get("geom_pos", model.geom_pos))
+    attitude = np.array(fields.get("geom_quat", model.geom_quat))
+    touching = _touching(model)
+    for foot in np.flatnonzero(params["wear"]):
+        geoms = touching[model.geom_bodyid[touching] == foot]
+        if len(geoms) == 0:
+            raise ValueError(
+                f"sole_geometry: {model.body(int(foot)).name!r} has no contact geom"
+            )
+        lost = params["wear"][foot]
+        side = np.array([params["x"][foot], params["y"][foot]])
+        side = side / np.linalg.norm(side)
+        if len(geoms) > 1:
+            out = place[geoms, :2] @ side
+            place[geoms[out > 0.5 * (out.min() + out.max())], 2] += lost
+            continue
+        (sole,) = geoms
+        reach = np.abs(side) @ model.geom_size[sole, :2]
+        angle = lost / (2.0 * reach)
+        turn = np.array([1.0, 0.5 * angle * side[1], -0.5 * angle * side[0], 0.0])
+        attitude[sole] = _product(turn / np.linalg.norm(turn), attitude[sole])
+        place[sole, 2] += 0.5 * lost
+    return fields | {"geom_pos": place, "geom_quat": attitude}
+
+
+def _product(left: Array, right: Array) -> np.ndarray:
+    """Product of two quaternions w x y z."""
+    w = left[0] * right[0] - left[1:] @ right[1:]
+    v = left[0] * right[1:] + right[0] * left[1:] + np.cross(left[1:], right[1:])
+    return np.concatenate([[w], v])

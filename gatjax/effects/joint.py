@@ -1,0 +1,188 @@
+"""Effects on the torques of a joint: friction that is a law, weak motors, ripple.
+
+Each acts on a `Drive` once per physics step: it may change what the servo is now (its
+gain, its torque limits, the dry friction of its joint) and add a torque. What the servo
+pulls with follows from `pull`; the physics holds or brakes a joint with its friction,
+so that a joint which friction can hold stands still. Parameters are [J] arrays.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from gatjax.effects.effect import Effect, memoryless
+from gatjax.records import Drive
+from gatjax.xp import namespace_of
+
+Array = Any
+LEAST = 0.05  # share of gain and limit that a weak motor keeps
+WARM = 0.25  # share of the limit a motor bears for ever: Aldebaran's motor pages
+
+
+def pull(drive: Drive) -> Array:
+    """Torque of the servos now, [..., J] N m: kp error - kv velocity, in its limits."""
+    xp, servo = namespace_of(drive.angle, drive.target), drive.servo
+    free = servo.gain * (drive.target - drive.angle) - servo.damping * drive.velocity
+    return xp.clip(free, servo.low, servo.high)
+
+
+def _rubbed(drive: Drive, torque: Array) -> Drive:
+    """Add a dry friction torque, [..., J] N m."""
+    servo = drive.servo._replace(friction=drive.servo.friction + torque)
+    return drive._replace(servo=servo)
+
+
+def _weakened(drive: Drive, share: Array) -> Drive:
+    """Leave a share of the gain and of the limits, [..., J]."""
+    servo = drive.servo
+    return drive._replace(
+        servo=servo._replace(
+            gain=share * servo.gain, low=share * servo.low, high=share * servo.high
+        )
+    )
+
+
+def stiction() -> Effect:
+    """Friction near standstill; params: excess N m (0 is neutral), velocity rad/s.
+
+    Stribeck: friction grows by excess exp(-(v / velocity)^2).
+    """
+
+    def change(params: dict[str, Array], drive: Drive) -> Drive:
+        xp = namespace_of(drive.velocity, params["excess"])
+        slow = xp.exp(-((drive.velocity / params["velocity"]) ** 2))
+        return _rubbed(drive, params["excess"] * slow)
+
+    return memoryless(change)
+
+
+def load_friction() -> Effect:
+    """Friction per torque of the servo; params: coefficient, 0 is neutral."""
+
+    def change(coefficient: Array, drive: Drive) -> Drive:
+        xp = namespace_of(drive.velocity, coefficient)
+        return _rubbed(drive, coefficient * xp.abs(pull(drive)))
+
+    return memoryless(change)
+
+
+def bias() -> Effect:
+    """Constant torque on the joint; params: minus twice that torque in N m.
+
+    With |params| / 2 of friction in both directions this is friction in one direction.
+    """
+
+    def change(torque: Array, drive: Drive) -> Drive:
+        return drive._replace(load=drive.load - 0.5 * torque)
+
+    return memoryless(change)
+
+
+def ripple() -> Effect:
+    """Torque that goes with the angle; params: amplitude in N m, cycles, phase in rad.
+
+    torque = amplitude sin(cycles angle + phase); amplitude 0 is neutral.
+    """
+
+    def change(params: dict[str, Array], drive: Drive) -> Drive:
+        xp = namespace_of(drive.angle, params["amplitude"])
+        wave = xp.sin(params["cycles"] * drive.angle + params["phase"])
+        return drive._replace(load=drive.load + params["amplitude"] * wave)
+
+    return memoryless(change)
+
+
+def speed_line(period: float) -> Effect:
+    """Torque-speed line of a motor; params: no-load speed in rad/s, inf is neutral.
+
+    torque <= stall (1 - v / limit) forwards, and the same backwards; stall is the
+    torque limit of the servo. The line is not steeper than what stops the joint in one
+    step, so that a light joint does not chatter on it.
+    """
+
+    def change(limit: Array, drive: Drive) -> Drive:
+        servo, velocity = drive.servo, drive.velocity
+        xp = namespace_of(velocity, limit)
+        most = (servo.rotor + servo.link) / period
+
+        def braked(stall: Array, speed: Array) -> Array:
+            loss = xp.minimum(stall / limit, most) * speed
+            return xp.clip(stall - loss, -stall, stall)
+
+        return drive._replace(
+            servo=servo._replace(
+                high=braked(servo.high, velocity), low=-braked(-servo.low, -velocity)
+            )
+        )
+
+    return memoryless(change)
+
+
+def thermal(period: float) -> Effect:
+    """Warm motors lose gain and limit; params: lost_fraction, cooling (s), heat.
+
+    d(warmth)/dt = torque^2 - warmth / cooling; a share lost_fraction warmth / heat of
+    gain and torque limits is lost, 95 % at most. `heat` in N^2 m^2 s is the warmth at
+    which lost_fraction is lost; NaN means that of a motor which has run at a quarter of
+    its limit for ever. Motors are cold at the start. lost_fraction 0 is neutral.
+    """
+
+    def init(params: dict[str, Array], drive: Drive) -> Array:
+        return 0.0 * drive.velocity
+
+    def apply(
+        params: dict[str, Array], warmth: Array, drive: Drive
+    ) -> tuple[Array, Drive]:
+        xp = namespace_of(drive.velocity, params["lost_fraction"])
+        heat, limit = params["heat"], WARM * drive.servo.high
+        usual = xp.where(xp.isfinite(limit), limit**2 * params["cooling"], 1.0)
+        heat = xp.where(xp.isnan(heat), usual, heat)
+        share = 1.0 - params["lost_fraction"] * warmth / heat
+        drive = _weakened(drive, xp.maximum(share, LEAST))
+        gain = pull(drive) ** 2 - warmth / params["cooling"]
+        return warmth + period * gain, drive
+
+    return Effect(init, apply)
+
+
+def warmth(torque: Array, period: float, cooling: Array) -> Array:
+    """Warmth of motors at the end of a recording that began cold, N^2 m^2 s.
+
+    Args:
+        torque: [..., T, J] N m, of the servos.
+        period: time between two rows, s.
+        cooling: time constant in s.
+
+    Returns:
+        [..., J]; as `heat` of thermal_derating, lost_fraction is then the share that
+        is lost at the end of this recording.
+    """
+    xp = namespace_of(torque)
+    age = period * xp.arange(torque.shape[-2])[::-1]
+    left = xp.exp(-age / cooling)[:, None]
+    return period * (torque**2 * left).sum(-2)
+
+
+def supply() -> Effect:
+    """All motors sag while many pull; params: max_drop (0 is neutral), total (N m).
+
+    A share max_drop min(1, sum |torque| / total) of gain and limits is lost, with the
+    torques of the step before. NaN as total means half the sum of all limits.
+    """
+
+    def init(params: dict[str, Array], drive: Drive) -> Array:
+        xp = namespace_of(drive.velocity)
+        return xp.abs(drive.torque).sum(-1, keepdims=True)
+
+    def apply(
+        params: dict[str, Array], drawn: Array, drive: Drive
+    ) -> tuple[Array, Drive]:
+        xp = namespace_of(drive.velocity, params["max_drop"])
+        usual = 0.5 * drive.servo.high.sum(-1, keepdims=True)
+        total = xp.where(xp.isnan(params["total"]), usual, params["total"])
+        drive = _weakened(
+            drive, 1.0 - params["max_drop"] * xp.minimum(1.0, drawn / total)
+        )
+        return xp.abs(pull(drive)).sum(-1, keepdims=True), drive
+
+    return Effect(init, apply)

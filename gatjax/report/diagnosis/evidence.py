@@ -1,0 +1,206 @@
+"""The upper parts of the page: verdict, key numbers, candidates, location."""
+
+from __future__ import annotations
+
+import math
+
+from gatjax.report.diagnosis.bars import location_picture
+from gatjax.report.diagnosis.frame import bar, folded, gallery, key, picture
+from gatjax.report.diagnosis.quantities import degrees, interval, portion, size, title
+from gatjax.report.diagnosis.read import Cause, Diagnosis, Joint, number_in
+from gatjax.report.sections import section
+from gatjax.report.wording import DASH, escape, number, percent
+
+BADGES = {
+    "none": ("better", "the logs agree with the model"),
+    "named": ("better", "cause named"),
+    "ambiguous": ("unclear", "several causes fit, these logs cannot decide"),
+    "unknown": ("unclear", "real, but nothing in the catalogue explains it"),
+}
+SHOWN = 10  # candidates
+MOST_JOINTS = 30
+CLOSE = 3.0  # difference of log evidence below which nothing is decided
+
+
+def head(diagnosis: Diagnosis) -> str:
+    """The verdict in one sentence, and the key numbers."""
+    robot = str(diagnosis.raw.get("robot") or "unknown robot")
+    kind, words = BADGES.get(diagnosis.verdict, ("", "no verdict"))
+    first, _, rest = sentence(diagnosis).partition("; ")
+    also = f'<p class="also">{escape(rest[:1].upper() + rest[1:])}</p>' if rest else ""
+    boxes = "".join(cards(diagnosis))
+    return (
+        f'<header><p class="name">gatjax diagnosis, robot: {escape(robot)}</p>'
+        f"<h1>{escape(first)}</h1>{also}"
+        f'<p><span class="badge {kind}">{escape(words)}</span></p>'
+        f'<div class="cards">{boxes}</div></header>'
+    )
+
+
+def sentence(diagnosis: Diagnosis) -> str:
+    """The verdict in words; made from the causes if the file has none."""
+    written = diagnosis.raw.get("sentence")
+    if isinstance(written, str) and written.strip():
+        return written.strip()
+    names = " and ".join(title(cause) for cause in diagnosis.causes)
+    return {
+        "none": "The logs agree with the model within what its tolerances explain.",
+        "named": f"The simulation lacks {names}.",
+        "ambiguous": f"The simulation lacks something like {names}, or its equivalent.",
+        "unknown": "The simulation lacks something that no known cause explains.",
+    }.get(diagnosis.verdict, "diagnosis.json holds no verdict.")
+
+
+def cards(diagnosis: Diagnosis) -> list[str]:
+    """Key numbers: causes, their probability, held-out gain, what is left."""
+    boxes = []
+    for cause in diagnosis.causes[:3]:
+        main = cause.values[0] if cause.values else None
+        value = size(main.value, main.unit) if main else DASH
+        words = [f"{interval(main)} (90 %)"] if main and interval(main) else []
+        if math.isfinite(cause.probability):
+            words.append(f"probability {percent(cause.probability)}")
+        boxes.append(_card("gat", title(cause), value, ", ".join(words)))
+    gain = diagnosis.part("gain")
+    before, after = number_in(gain, "before"), number_in(gain, "after")
+    if before > 0.0 and math.isfinite(after):
+        words = f"{degrees(before)} before, {degrees(after)} after"
+        if diagnosis.verdict == "none":
+            floor = degrees(number_in(gain, "noise_floor"))
+            words = f"of the nominal model; noise floor {floor}"
+            boxes.append(_card("guided", "held-out error", degrees(before), words))
+        else:
+            value = f"{number(100.0 * (1.0 - after / before), 0)} %"
+            label = "held-out error taken away"
+            boxes.append(_card("guided", label, value, words))
+    rest = diagnosis.part("unexplained")
+    share = number_in(rest, "share")
+    if math.isfinite(share):
+        found = "significant" if rest.get("significant") else "not significant"
+        boxes.append(_card("other", "left unexplained", percent(share), found))
+    return boxes
+
+
+def _card(colour: str, label: str, value: str, words: str) -> str:
+    return (
+        f'<div style="--mark: var(--{colour})"><span>{escape(label)}</span>'
+        f"<b>{escape(value)}</b><span>{escape(words)}</span></div>"
+    )
+
+
+def candidate_table(diagnosis: Diagnosis) -> str:
+    """Every cause that was weighed, the best first, and why the others lost."""
+    heading = "Evidence: which causes were weighed"
+    every = diagnosis.candidates
+    if not every:
+        return section(heading, "<p>No candidates were written.</p>")
+    named = {(cause.name, tuple(cause.where)) for cause in diagnosis.causes}
+    rows = [
+        _candidate_row(each, every, (each.name, tuple(each.where)) in named, diagnosis)
+        for each in every[:SHOWN]
+    ]
+    more = len(every) - SHOWN
+    note = f"{more} weaker candidates are in diagnosis.json. " if more > 0 else ""
+    note += (
+        "Evidence is the logarithm of how well a cause predicts these logs, with its "
+        "free numbers paid for: 3 less is 20 times less likely, 7 less is 1000 times."
+    )
+    head_row = (
+        "<tr><th>cause</th><th class=n>size</th><th>probability</th>"
+        "<th class=n>log evidence<br>below the best</th>"
+        "<th class=n>residual<br>left, rms</th><th>why</th></tr>"
+    )
+    body = f"<div class=scroll><table><thead>{head_row}</thead>"
+    body += f"<tbody>{''.join(rows)}</tbody></table></div><p class=note>{note}</p>"
+    return section(heading, body)
+
+
+def _candidate_row(
+    each: Cause, every: list[Cause], named: bool, diagnosis: Diagnosis
+) -> str:
+    best = every[0]
+    main = each.values[0] if each.values else None
+    lost = best.evidence - each.evidence
+    name = escape(title(each))
+    if each.variant:
+        name += f"<small>{escape(each.variant)}</small>"
+    amount = size(main.value, main.unit) if main else DASH
+    return (
+        f"<tr{' class=first' if named else ''}><td>{name}</td>"
+        f"<td class=n>{escape(amount)}</td><td>{portion(each.probability)}"
+        f"{bar(each.probability, 'gat')}</td><td class=n>{number(lost)}</td>"
+        f"<td class=n>{degrees(each.rms)}</td>"
+        f"<td>{escape(reason(each, best, named, diagnosis))}</td></tr>"
+    )
+
+
+def reason(each: Cause, best: Cause, named: bool, diagnosis: Diagnosis) -> str:
+    """Why a candidate was or was not named."""
+    if named:
+        return "named"
+    if each.name in ("none", ""):
+        return "the model as it is, fitted within its tolerances"
+    first = diagnosis.causes[0] if diagnosis.causes else None
+    if first is not None and each.name in first.equivalent:
+        return f"cannot be told apart from {title(first)} in these logs"
+    if diagnosis.verdict == "none":
+        return "no better than the tolerances of the model"
+    if diagnosis.verdict == "unknown" and each is best:
+        return "fits best, but leaves too much to be the explanation"
+    lost = best.evidence - each.evidence
+    if math.isfinite(lost) and 0.0 <= lost < CLOSE:
+        return f"nearly as good as {title(best)}: these logs cannot decide"
+    if each.rms > 1.15 * best.rms:
+        return f"leaves {degrees(each.rms)} where the best leaves {degrees(best.rms)}"
+    if lost >= CLOSE:
+        return "similar residual, but the pattern in it fits less well"
+    return ""
+
+
+def location(diagnosis: Diagnosis) -> str:
+    """Which joints, and how much of it tolerances cannot explain."""
+    heading = "Where: residual of every joint"
+    joints = sorted(diagnosis.joints, key=excess, reverse=True)
+    if not joints:
+        return section(heading, "<p>No residuals per joint were written.</p>")
+    shown = joints[:MOST_JOINTS]
+    head_row = ("joint", "nominal", "after tolerances", "extended", "beyond tolerances")
+    rows = folded(head_row, [_joint_row(joint) for joint in shown], 8)
+    left = len(joints) - len(shown)
+    note = (
+        "Rms of measured minus simulated on the fit logs, worst joint first. Pale bar: "
+        "nominal model. Full bar: what is left after masses, gains and friction were "
+        "fitted within their tolerances. Dot: extended model. Stroke: noise floor. "
+        "Beyond tolerances: share of the nominal residual's power that no tolerance "
+        "explains." + (f" {left} quieter joints are left out." if left else "")
+    )
+    keys = key(
+        ("none", "nominal (full: after tolerances)"),
+        ("gat", "extended"),
+        ("ink", "noise"),
+    )
+    shape = picture("Residual by joint", location_picture(shown))
+    body = gallery([shape, f"<div>{rows}</div>"])
+    return section(heading, f"{keys}{body}<p class=note>{note}</p>")
+
+
+def excess(joint: Joint) -> float:
+    """Residual that tolerances leave, rad; for ordering joints."""
+    candidates = (joint.tolerance, joint.nominal)
+    return next((value for value in candidates if math.isfinite(value)), 0.0)
+
+
+def _joint_row(joint: Joint) -> list[str]:
+    rms = (joint.nominal, joint.tolerance, joint.extended)
+    beyond = portion(joint.beyond) + bar(joint.beyond, "none")
+    return [escape(joint.name), *(degrees(value) for value in rms), beyond]
+
+
+def worst(diagnosis: Diagnosis, most: int = 2) -> list[str]:
+    """Joints to draw: the named ones, else those with the largest residual."""
+    known = diagnosis.signals.joints if diagnosis.signals is not None else {}
+    named = [joint for cause in diagnosis.causes for joint in cause.where]
+    named = [joint for joint in dict.fromkeys(named) if joint in known]
+    ranked = sorted(diagnosis.joints, key=excess, reverse=True)
+    others = [joint.name for joint in ranked if joint.name in known]
+    return (named or others or list(known))[:most]

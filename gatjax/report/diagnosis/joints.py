@@ -1,0 +1,69 @@
+"""The part of the page that shows how a joint behaves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gatjax.report.diagnosis import figures
+from gatjax.report.diagnosis.evidence import worst
+from gatjax.report.diagnosis.frame import gallery, key, picture
+from gatjax.report.diagnosis.read import Diagnosis, Signals, Trace
+from gatjax.report.diagnosis.signals import close_up
+from gatjax.report.sections import section
+
+
+def joint_sections(diagnosis: Diagnosis) -> str:
+    """Pictures of the named joints, else of the two worst."""
+    signals = diagnosis.signals
+    if signals is None:
+        return section("How the joints behave", "<p>signals.parquet is missing.</p>")
+    return "".join(
+        _joint(name, signals, signals.joints[name]) for name in worst(diagnosis)
+    )
+
+
+def _joint(name: str, signals: Signals, trace: Trace) -> str:
+    """Every picture of one joint."""
+    window = close_up(signals, trace)
+    whole = np.flatnonzero(signals.run == signals.run[window[0]])
+    log = "held-out log" if signals.held[window[0]] else "fit log"
+    shown = [
+        picture(
+            f"Close-up, {log}",
+            figures.overlay(signals, trace, window),
+            "The moment at which the nominal model errs most.",
+        ),
+        picture(f"The whole {log}", figures.overlay(signals, trace, whole)),
+        picture(
+            "Residual over time",
+            figures.residual_over_time(signals, trace),
+            "Shaded: held-out. A trend points to heat, supply or clocks.",
+        ),
+    ]
+    loop = figures.hysteresis(signals, trace)
+    if loop is not None:
+        shown.append(
+            picture(
+                "Hysteresis in slow motion",
+                loop,
+                "Solid: command rising, dashed: falling. The distance between them is "
+                "friction and play; their slope is load.",
+            )
+        )
+    shown += [
+        picture(title, svg)
+        for title, svg in figures.residual_pictures(signals, trace).items()
+    ]
+    shown += [
+        picture(title, svg)
+        for title, svg in figures.response_pictures(signals, trace).items()
+    ]
+    colours = [("ink", "measured"), ("faint", "command"), ("none", "nominal model")]
+    if trace.extended is not None:
+        colours.append(("gat", "extended model"))
+    note = (
+        "<p class=note>Models are replayed open loop from the first command. Binned "
+        "residuals: mean of equally filled bins, band one standard deviation. "
+        "Response: averaged cross-spectra, where the command has power.</p>"
+    )
+    return section(f"Joint {name}", key(*colours) + gallery(shown) + note)

@@ -1,0 +1,186 @@
+"""The lower parts of the page: what is left, calibration, advice, checks, files."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from gatjax.report.diagnosis.frame import bar, folded, signed_bar, table
+from gatjax.report.diagnosis.quantities import cause_name, place, portion, size
+from gatjax.report.diagnosis.read import Diagnosis, number_in, rows_of, texts_of
+from gatjax.report.sections import section
+from gatjax.report.wording import DASH, duration, escape, number, percent, significant
+
+SHOWN = 12  # rows before a table folds
+LEVELS = ("refuse", "warning", "info")
+WORDS = {"refuse": "refused", "warning": "warning", "info": "fact"}
+
+
+def unexplained(diagnosis: Diagnosis) -> str:
+    """What the extension leaves, and on which variables it depends."""
+    rest = diagnosis.part("unexplained")
+    if not rest:
+        return ""
+    share = number_in(rest, "share")
+    words = (
+        "What is left is more than noise and tolerances explain."
+        if rest.get("significant")
+        else "What is left is within noise and tolerances."
+    )
+    if math.isfinite(share):
+        words += f" It is {percent(share)} of the nominal residual's power."
+    body = f"<p>{escape(words)}</p>"
+    rows = [
+        (
+            escape(str(row.get("variable", ""))),
+            portion(number_in(row, "share")) + bar(number_in(row, "share"), "other"),
+        )
+        for row in rows_of(rest.get("depends_on"))
+    ]
+    if rows:
+        body += table(("depends on", "share of what is left"), rows)
+    if rest.get("term"):
+        body += (
+            f"<p>Proposed term, from a sparse regression on the residual: "
+            f"<b>{escape(rest['term'])}</b></p>"
+        )
+    return section("What is left", body)
+
+
+def calibration(diagnosis: Diagnosis) -> str:
+    """Nominal numbers that were fitted within their tolerances; no causes."""
+    rows = diagnosis.rows("calibration")
+    if not rows:
+        return ""
+
+    def used(row: dict[str, Any]) -> float:
+        change = number_in(row, "fitted") - number_in(row, "nominal")
+        tolerance = number_in(row, "tolerance")
+        return change / tolerance if tolerance > 0.0 else math.nan
+
+    def weight(row: dict[str, Any]) -> float:
+        return abs(used(row)) if math.isfinite(used(row)) else 0.0
+
+    lines = []
+    for row in sorted(rows, key=weight, reverse=True):
+        share, unit = used(row), str(row.get("unit", ""))
+        cells = [escape(str(row.get("parameter", "")).replace("_", " "))]
+        cells.append(escape(place(texts_of(row.get("where")))))
+        cells += [
+            escape(size(number_in(row, name), unit)) for name in ("nominal", "fitted")
+        ]
+        tolerance = size(number_in(row, "tolerance"), unit)
+        cells.append(f"&plusmn; {escape(tolerance)}" if tolerance != DASH else DASH)
+        change = number(100.0 * share, 0, sign=True)
+        cells.append(f"{change} %{signed_bar(share, 'theta0')}")
+        lines.append(cells)
+    head = ("number", "where", "nominal", "fitted", "tolerance", "tolerance used")
+    note = (
+        "<p class=note>These nominal numbers were fitted within what the user says is "
+        "possible. They are calibration and no findings; a bar at either end means "
+        "that the tolerance was used up.</p>"
+    )
+    return section("Calibration", folded(head, lines, SHOWN) + note)
+
+
+def next_experiment(diagnosis: Diagnosis) -> str:
+    """The motion that separates the leading explanations best."""
+    advice = diagnosis.part("next_experiment")
+    if not advice:
+        return ""
+    motion = str(advice.get("motion", ""))
+    pair = " from ".join(cause_name(c) for c in texts_of(advice.get("separates"))[:2])
+    words = f"Record the motion {motion}" if motion else "Record another motion"
+    words += f": it separates {pair}." if pair else "."
+    body = f"<p><b>{escape(words)}</b> {escape(str(advice.get('why', '')))}</p>"
+    apart = number_in(advice, "separation")
+    if math.isfinite(apart):
+        body += (
+            f"<p class=note>Expected separation: {significant(apart)} noise units (3 "
+            f"are enough to decide).</p>"
+        )
+    if motion:
+        body += (
+            f"<p class=note><code>gatjax collect --motion {escape(motion)}</code></p>"
+        )
+    return section("Next experiment", body)
+
+
+def smallest_effects(diagnosis: Diagnosis) -> str:
+    """For every cause the least effect that these logs could have shown."""
+    groups: dict[str, list[dict[str, Any]]] = {}
+    for row in diagnosis.rows("smallest_effects"):
+        if math.isfinite(number_in(row, "value")):
+            groups.setdefault(str(row.get("cause", "")), []).append(row)
+    lines = []
+    for cause, rows in groups.items():
+        rows = sorted(rows, key=lambda row: abs(number_in(row, "value")))
+        ends = [
+            escape(size(number_in(row, "value"), str(row.get("unit", ""))))
+            + f"<small>{escape(place(texts_of(row.get('where'))))}</small>"
+            for row in (rows[0], rows[-1])
+        ]
+        lines.append([escape(cause_name(cause)), *ends[: len(rows)]])
+    if not lines:
+        return ""
+    lines = [row if len(row) == 3 else [*row, DASH] for row in lines]
+    head = ("cause", "smallest that shows", "at the least sensitive joint")
+    note = (
+        "<p class=note>Effects below these sizes may be there without being seen: the "
+        "verdict does not speak of them.</p>"
+    )
+    return section(
+        "What these logs could have shown", folded(head, lines, SHOWN) + note
+    )
+
+
+def data_checks(diagnosis: Diagnosis) -> str:
+    """What the checks of the files found, warnings first."""
+    rows = diagnosis.rows("data_checks")
+    if not rows:
+        return ""
+    lines = {
+        level: [
+            (
+                WORDS[level],
+                escape(str(row.get("check", ""))),
+                escape(row.get("text", "")),
+            )
+            for row in rows
+            if row.get("level", "info") == level
+        ]
+        for level in LEVELS
+    }
+    head = ("", "check", "what it says")
+    grave = [*lines["refuse"], *lines["warning"]]
+    body = table(head, grave) if grave else "<p>No warning; the logs look sound.</p>"
+    if lines["info"]:
+        body += f"<details><summary>{len(lines['info'])} facts about the logs</summary>"
+        body += f"{table(head, lines['info'])}</details>"
+    return section("Data checks", body)
+
+
+def made_of(diagnosis: Diagnosis) -> str:
+    """Files, and how the diagnosis was made."""
+    files = diagnosis.part("files")
+    rows = [
+        ("fitted to", ", ".join(texts_of(files.get("fit"))) or DASH),
+        ("held out", ", ".join(texts_of(files.get("held_out"))) or DASH),
+        ("robot", str(diagnosis.raw.get("robot") or DASH)),
+        ("time", duration(number_in(diagnosis.raw, "seconds"))),
+    ]
+    for name, value in diagnosis.part("made_by").items():
+        rows.append((str(name), str(value)))
+    lines = [[escape(cell) for cell in row] for row in rows]
+    cells = "".join(f"<tr><td>{a}</td><td>{b}</td></tr>" for a, b in lines)
+    body = (
+        f'<div class=scroll><table class="facts"><tbody>{cells}</tbody></table></div>'
+    )
+    lost = texts_of(diagnosis.raw.get("not_expressible"))
+    if lost:
+        items = "".join(f"<li>{escape(each)}</li>" for each in lost)
+        body += (
+            f"<h3>In world.json but not in extended.xml, plain MJCF has no term for it"
+            f"</h3><ul>{items}</ul>"
+        )
+    return section("Files and how this was made", body)

@@ -1,0 +1,121 @@
+"""From target to torque in one physics step, for one robot, shared by the backends."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gatjax.effects.effect import Effect, chain
+from gatjax.effects.gear import encoder
+from gatjax.effects.joint import pull
+from gatjax.records import Drive, Signal
+from gatjax.sim.causes import GEAR
+from gatjax.sim.world import Values, World
+from gatjax.xp import namespace_of
+
+Array = Any
+
+
+class State(NamedTuple):
+    """Memory of motor and joint effects."""
+
+    motor: Any
+    joint: Any
+    torque: Array  # [..., J] N m, of the servos; () in a world without joint effects
+
+
+class Push(NamedTuple):
+    """What the physics gets; without joint effects or gears, None where it is unused."""
+
+    control: Array  # [..., J] rad, for the position actuators
+    load: Array  # [..., J] N m, on the joints
+    friction: Array  # [..., J] N m, dry friction of the joints
+    armature: Array  # [..., J] kg m^2, of joints with gears
+
+
+class Actuation(NamedTuple):
+    """A world's motor and joint effects, closed over."""
+
+    motor: Effect
+    joint: Effect
+    low: np.ndarray  # [J] rad, range of the targets
+    high: np.ndarray
+    plain: bool  # neither motor nor joint effects
+    torques: bool  # has joint effects
+    geared: bool  # of which one is a gear
+
+    def init(self, values: Values, signal: Signal) -> State:
+        """Return the first state of a run that begins with `signal`."""
+        motor = self.motor.init(values.motor, signal)
+        if not self.torques:
+            return State(motor, (), ())
+        _, signal = self.motor.apply(values.motor, motor, self._within(signal))
+        drive = self._drive(values, signal, 0.0 * signal.target)
+        drive = drive._replace(torque=pull(drive))
+        return State(motor, self.joint.init(values.joint, drive), drive.torque)
+
+    def apply(self, values: Values, state: State, signal: Signal) -> tuple[State, Push]:
+        """Play one physics step; `signal` holds the true angle and velocity."""
+        if self.plain:
+            return state, Push(signal.target, None, None, None)
+        true = signal.angle
+        signal = signal._replace(angle=self.seen(values, state, true))
+        motor, signal = self.motor.apply(
+            values.motor, state.motor, self._within(signal)
+        )
+        if not self.torques:
+            return state._replace(motor=motor), Push(signal.target, None, None, None)
+        signal = signal._replace(angle=true)
+        begin = self._drive(values, signal, state.torque)
+        joint, drive = self.joint.apply(values.joint, state.joint, begin)
+        plain, torque = pull(begin), pull(drive)
+        control, servo = _control(begin, plain, torque), drive.servo
+        push = Push(control, drive.load, servo.friction, None)
+        if self.geared:
+            torque, push = joint[GEAR].pull, push._replace(armature=servo.rotor)
+        return State(motor, joint, torque), push
+
+    def seen(self, values: Values, state: State, angle: Array) -> Array:
+        """Return what the encoders see of joints at `angle` [..., J], rad."""
+        if not self.geared:
+            return angle
+        return encoder(values.joint[GEAR], state.joint[GEAR], angle)
+
+    def _within(self, signal: Signal) -> Signal:
+        xp = namespace_of(signal.target)
+        return signal._replace(target=xp.clip(signal.target, self.low, self.high))
+
+    def _drive(self, values: Values, signal: Signal, torque: Array) -> Drive:
+        return Drive(
+            target=signal.target,
+            angle=signal.angle,
+            velocity=signal.velocity,
+            servo=values.servo,
+            load=0.0 * signal.velocity,
+            torque=torque,
+        )
+
+
+def actuation(world: World) -> Actuation:
+    """Return the motor and joint effects of a world."""
+    model = world.model
+    limited = model.actuator_ctrllimited > 0
+    span = model.actuator_ctrlrange
+    return Actuation(
+        motor=chain(**world.motor),
+        joint=chain(**world.joint),
+        low=np.where(limited, span[:, 0], -np.inf),
+        high=np.where(limited, span[:, 1], np.inf),
+        plain=not (world.motor or world.joint),
+        torques=bool(world.joint),
+        geared=GEAR in world.joint,
+    )
+
+
+def _control(drive: Drive, plain: Array, torque: Array) -> Array:
+    """Target with which MuJoCo's actuator gives `torque` instead of `plain`, rad."""
+    xp, servo = namespace_of(drive.angle, drive.target), drive.servo
+    wanted = torque + servo.damping * drive.velocity
+    wanted = drive.angle + wanted / xp.maximum(servo.gain, 1e-9)
+    return xp.where(torque == plain, drive.target, wanted)

@@ -1,0 +1,83 @@
+"""A model seen as a robot to be moved: limits, home, speed, a start on the floor."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from gatjax import task as tasks
+from gatjax.motions import Limbs
+from gatjax.records import JOINTS
+from gatjax.robot import nao
+from gatjax.robot.model import joint_names, slots
+from gatjax.sim.episode import coupled
+from gatjax.walk.parameters import THETA0
+
+TOP_SPEED = 10.0  # rad/s, of quick hobby servos (60 degrees in 0.1 s): no servo's here
+
+
+def put_down(model: mujoco.MjModel, angle: np.ndarray) -> np.ndarray:
+    """Return the state [nq] with joint angles [J] rad, feet on the ground."""
+    data, floating = mujoco.MjData(model), floats(model)
+    data.qpos[:] = home_of(model)
+    data.qpos[slots(model).position] = angle
+    follower, leader = coupled(model)
+    data.qpos[follower] = data.qpos[leader]
+    if floating:
+        mujoco.mj_kinematics(model, data)
+        touching = np.flatnonzero(model.geom_contype | model.geom_conaffinity)
+        fixed = model.body_weldid[model.geom_bodyid[touching]] == 0
+        data.qpos[2] -= min(
+            (
+                mujoco.mj_geomDistance(model, data, ground, geom, 1.0, None)
+                for ground in touching[fixed]
+                for geom in touching[~fixed]
+            ),
+            default=0.0,
+        )
+    return data.qpos.copy()
+
+
+def floats(model: mujoco.MjModel) -> bool:
+    """Whether the robot stands by itself instead of hanging or being bolted."""
+    return model.njnt > 0 and model.jnt_type[0] == mujoco.mjtJoint.mjJNT_FREE
+
+
+def home_of(model: mujoco.MjModel) -> np.ndarray:
+    """Return the model's first keyframe [nq]; its zero where it has none."""
+    return np.array(model.key_qpos[0] if model.nkey else model.qpos0)
+
+
+def limbs_of(model: mujoco.MjModel) -> Limbs:
+    """Return what a motion must know of a model whose joints position servos drive.
+
+    A NAO with all its joints starts from its walking pose, any other robot from the
+    model's first keyframe, or its zero. The top speed of a NAO's motors is known; of
+    others it is taken to be where the largest torque goes into damping, and at most
+    10 rad/s.
+    """
+    names, place = joint_names(model), slots(model)
+    ids = model.actuator_trnid[:, 0]
+    low, high = np.where(
+        model.jnt_limited[ids, None], model.jnt_range[ids], [-np.pi, np.pi]
+    ).T
+    limited = model.actuator_ctrllimited.astype(bool)
+    low = np.where(limited, np.maximum(low, model.actuator_ctrlrange[:, 0]), low)
+    high = np.where(limited, np.minimum(high, model.actuator_ctrlrange[:, 1]), high)
+    if names == JOINTS:
+        home = tasks.pose(THETA0)
+        speed = np.array([motor.no_load_speed for motor in nao.MOTORS])
+    else:
+        home, speed = home_of(model)[place.position], _top_speed(model, place.velocity)
+    limits = np.stack([low, high], axis=-1)
+    return Limbs(names, limits, np.clip(home, low, high), speed, floats(model))
+
+
+def _top_speed(model: mujoco.MjModel, dofs: np.ndarray) -> np.ndarray:
+    """Return the speed [J] rad/s that a servo reaches without load."""
+    torque = np.where(
+        model.actuator_forcelimited, model.actuator_forcerange[:, 1], np.inf
+    )
+    damping = model.dof_damping[dofs] - model.actuator_biasprm[:, 2]
+    with np.errstate(divide="ignore"):
+        return np.minimum(torque / damping, TOP_SPEED)

@@ -1,0 +1,189 @@
+"""`gatjax diagnose`: what it refuses, what it shows on the way, what it prints."""
+
+import numpy as np
+import pytest
+
+from gatjax.cli import main
+from gatjax.cli.arguments import Diagnose, parse
+from gatjax.cli.diagnosis import ENGINE, read_logs, staged
+from gatjax.cli.found import gain_lines, named_lines
+from gatjax.data.recording import Recording, write_recording
+from gatjax.loop.setting import Progress
+
+ARM = """
+<mujoco><worldbody><body>{free}<joint name="servo" range="-115 115"/>
+<geom type="capsule" fromto="0 0 0 0 0 -.2" size=".02"/></body></worldbody>
+<actuator>{servo}</actuator></mujoco>
+"""
+SERVO = '<position name="m" joint="servo" kp="10" kv=".2" forcerange="-3 3"/>'
+
+
+def model(path, servo=SERVO, free=""):
+    path.write_text(ARM.format(servo=servo, free=free))
+    return str(path)
+
+
+def log(path, seed=0, seconds=12.0, base="fixed", reach=1.0):
+    time = np.arange(round(seconds * 100)) * 0.01
+    draw = np.random.default_rng(seed)
+    waves = [np.sin(2 * np.pi * (f * time**1.2 + draw.uniform())) for f in (0.2, 0.5)]
+    command = reach * (sum(waves) * 0.4 + 0.3 * np.sign(np.sin(1.7 * time + seed)))
+    command -= command[0]
+    position = np.convolve(command, np.ones(6) / 6)[: len(time)]
+    position += draw.normal(0.0, 5e-4, len(time))
+    columns = {"command.servo": command, "position.servo": position}
+    metadata = {"robot": "arm", "base": base, "rate_hz": 100.0}
+    zero = np.zeros(len(time), int)
+    write_recording(path, Recording("x", time, zero, columns, metadata))
+    return str(path)
+
+
+@pytest.fixture
+def given(tmp_path):
+    """A model and two logs."""
+    robot = model(tmp_path / "arm.xml")
+    return robot, log(tmp_path / "fit.parquet"), log(tmp_path / "held.parquet", seed=4)
+
+
+def refused(capsys, *arguments):
+    """Run the verb; return its one line."""
+    assert main(["diagnose", *arguments]) == 1
+    error = capsys.readouterr().err.strip().splitlines()
+    assert len(error) == 1 and error[0].startswith("gatjax: "), error
+    return error[0]
+
+
+def test_good_logs_are_taken(given, tmp_path):
+    robot, fit, held = given
+    words = ["--model", robot, "--data", fit, "--held-out", held, "--out", "x"]
+    logs = read_logs(parse(["diagnose", *words]))
+    assert [r.name for r in logs.fit + logs.held] == [fit, held]
+    assert {row["file"] for row in logs.checks} <= {fit, held}
+
+
+def test_several_files_follow_one_flag():
+    words = "diagnose --model m.xml --data a b --held-out c d --out o".split()
+    verb = parse(words)
+    assert isinstance(verb, Diagnose)
+    assert [path.name for path in verb.data + verb.held_out] == ["a", "b", "c", "d"]
+
+
+def test_a_flag_that_would_forget_files_is_refused(given, capsys):
+    robot, fit, held = given
+    line = refused(
+        capsys, "--model", robot, "--data", fit, "--data", held, "--out", "o"
+    )
+    assert "--data comes twice" in line
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (("", '<freejoint name="base"/>'), "free joint"),
+        (('<motor name="m" joint="servo"/>', ""), "'m' is no position servo"),
+        (('<velocity name="m" joint="servo" kv="1"/>', ""), "is no position servo"),
+        (("", ""), "no actuators"),
+    ],
+)
+def test_robots_that_it_cannot_simulate(tmp_path, capsys, change, text):
+    servo, free = change
+    robot = model(tmp_path / "arm.xml", servo or (SERVO if free else ""), "")
+    if free:
+        xml = (tmp_path / "arm.xml").read_text()
+        child = '<body><freejoint/><geom size=".1"/><body><joint name="servo"'
+        xml = xml.replace('<body><joint name="servo"', child)
+        xml = xml.replace("</body></worldbody>", "</body></body></worldbody>")
+        (tmp_path / "arm.xml").write_text(xml)
+    fit = log(tmp_path / "fit.parquet")
+    line = refused(capsys, "--model", robot, "--data", fit, "--out", "o")
+    assert text in line and "arm.xml" in line
+
+
+def test_logs_that_it_cannot_trust(given, tmp_path, capsys):
+    robot, fit, held = given
+    floating = log(tmp_path / "floating.parquet", base="floating")
+    still = log(tmp_path / "still.parquet", reach=0.0)
+    out = tmp_path / "out"
+    cases = [
+        ((floating,), (), "base is floating"),
+        ((still,), (), "still.parquet"),
+        ((fit, fit), (), "named twice"),
+        ((fit,), (fit,), "are also in"),
+        ((str(tmp_path / "fit*.parquet"),), (), "no such file; "),
+        ((fit,), (str(tmp_path / "none.parquet"),), "held.parquet"),
+        ((), (), "--data names no file"),
+    ]
+    for data, unseen, text in cases:
+        held_out = ["--held-out", *unseen] if unseen else []
+        words = ["--model", robot, "--data", *data, *held_out, "--out", str(out)]
+        assert text in refused(capsys, *words), text
+    words = ["--model", "no.xml", "--data", fit, "--out", str(out)]
+    assert "no.xml does not exist" in refused(capsys, *words)
+    assert "--seed is -1" in refused(capsys, *words, "--seed", "-1")
+    assert not out.exists()
+    words = ["--model", robot, "--data", fit, "--out", held]
+    assert "is a file, --out needs a folder" in refused(capsys, *words)
+
+
+def told(calls):
+    """Progress of some calls of the engine: stages said, share done after each."""
+    stages, done = [], [0.0]
+
+    def work(units):
+        assert units > 0.0
+        done.append(done[-1] + units)
+
+    tell = staged(Progress(stages.append, work))
+    for stage, share in calls:
+        tell(stage, share)
+    return stages, done
+
+
+def test_progress_never_falls_back_or_overshoots():
+    rounds = [("causes", k / 5) for _ in range(4) for k in range(1, 6)]
+    calls = [("tolerances", 0.5), ("tolerances", 1.0), *rounds, ("measure", 0.0)]
+    stages, done = told(calls)
+    assert done == sorted(done) and done[-1] < 1.0
+    assert stages.count("weigh causes") == 1
+    assert stages.count("weigh causes, once more") == 3
+
+
+def test_progress_reaches_a_stage_where_it_begins():
+    _, done = told([("tolerances", 1.0), ("measure", 0.5)])
+    assert done[-1] > ENGINE["measure"][1]
+
+
+CAUSE = {
+    "cause": "command_delay",
+    "where": ["hip", "knee"],
+    "parameters": {
+        "delay": {"value": 0.0201, "low": 0.019, "high": 0.021, "unit": "s"},
+        "in_loop": {"value": 1.0, "low": 1.0, "high": 1.0, "unit": "1"},
+    },
+    "probability": 0.876,
+    "equivalent": ["measurement_delay"],
+}
+
+
+def test_the_table_of_causes():
+    head, first, second = named_lines([CAUSE])
+    assert head.split("  ")[0] == "cause"
+    for text in ("command_delay", "hip, knee", "delay 0.0201 s", "0.019 to 0.021",
+                 "0.88", "measurement_delay"):  # fmt: skip
+        assert text in first
+    assert second.strip() == "in_loop 1"
+    assert first.index("delay 0.0201") == second.index("in_loop")
+    assert named_lines([]) == []
+
+
+def test_the_gain_is_said_only_where_it_was_measured():
+    assert "not measured" in gain_lines(None)[0]
+    gain = {"before": 0.02, "after": 0.005, "low": 0.7, "high": 0.8, "promoted": True}
+    lines = gain_lines(gain)
+    assert len(lines) == 1
+    assert "1.15 -> 0.286 deg rms, 75% less" in lines[0] and "70% to 80%" in lines[0]
+    worse = gain | {"after": 0.021, "promoted": False}
+    assert (
+        "5% more" in gain_lines(worse)[0]
+        and "no gain is proven" in gain_lines(worse)[-1]
+    )

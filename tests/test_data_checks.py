@@ -1,0 +1,306 @@
+"""What a log lacks is found and said; a good log gets nothing but facts."""
+
+import numpy as np
+import pytest
+
+from gatjax.data.checks import findings, same_data, summary
+from gatjax.data.recording import Recording
+
+JOINTS = ("hip", "knee")
+RANGES = {"hip": (-1.2, 1.0), "knee": (-0.3, 2.2)}
+STEP = 2 * np.pi / 4096  # rad, 12 bit encoder
+PERIOD = 0.01  # s
+
+
+def log(seed=0, name="fit.parquet", seconds=12.0, delay=0.03, **columns):
+    """A healthy log: the joints follow smooth commands, with rests at both ends."""
+    random = np.random.default_rng(seed)
+    time = np.arange(0.0, seconds, PERIOD)
+    fade = np.clip(np.minimum(time - 0.6, seconds - 0.6 - time), 0.0, 1.0)
+    tones = random.uniform(0.3, 2.2, (len(JOINTS), 3))
+    made = {}
+    for joint, centre, rates in zip(JOINTS, (-0.1, 0.8), tones, strict=True):
+
+        def target(when, rates=rates, centre=centre):
+            waves = np.sin(2 * np.pi * rates * np.maximum(when, 0.0)[:, None]).sum(-1)
+            return centre + 0.17 * np.interp(when, time, fade) * waves
+
+        noise = random.normal(0.0, 0.0005, len(time))
+        made[f"command.{joint}"] = target(time)
+        seen = target(time - delay) + noise
+        made[f"position.{joint}"] = STEP * np.round(seen / STEP)
+    stamps = time + random.uniform(-0.0005, 0.0005, len(time))
+    made.update(columns)
+    return Recording(name, stamps, np.zeros(len(time), int), made, {"rate_hz": 100.0})
+
+
+def found(recording, check, role="fit", ranges=RANGES):
+    return [each for each in findings(recording, ranges, role) if each.check == check]
+
+
+def only(recording, check, level, role="fit", ranges=RANGES):
+    """The one finding of a check, which must have this level."""
+    (finding,) = found(recording, check, role, ranges)
+    assert finding.level == level
+    assert finding.text.startswith(recording.name) and "\n" not in finding.text
+    return finding
+
+
+def changed(recording, **columns):
+    return recording._replace(columns={**recording.columns, **columns})
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_good_log_gets_facts_only(seed):
+    every = findings(log(seed), RANGES, "fit")
+    assert [each.text for each in every if each.level != "info"] == []
+    assert {"rate", "encoder step", "noise", "reversals", "range", "rest", "delay"} == {
+        each.check for each in every
+    }
+
+
+def test_numbers_of_a_good_log_are_right():
+    good = log()
+    rate = only(good, "rate", "info").values
+    assert rate["period"] == pytest.approx(PERIOD, rel=0.02)
+    assert only(good, "encoder step", "info").values["hip"] == pytest.approx(STEP)
+    noise = np.hypot(0.0005, STEP / np.sqrt(12))
+    assert only(good, "noise", "info").values["knee"] == pytest.approx(noise, rel=0.4)
+    assert only(good, "delay", "info").values["hip"] == pytest.approx(0.03, abs=0.001)
+    share = np.ptp(good.columns["position.knee"]) / 2.5
+    assert only(good, "range", "info").values["knee"] == pytest.approx(share)
+    assert only(good, "rest", "info").values["rests"] == 2.0
+    paused = {name: values.copy() for name, values in good.columns.items()}
+    for joint in JOINTS:
+        paused[f"command.{joint}"][500:520] = paused[f"command.{joint}"][500]
+    assert only(changed(good, **paused), "rest", "info").values["rests"] == 2.0
+
+
+def test_reversals_are_turns_of_the_position_and_noise_makes_none():
+    good = log()
+    turns = np.abs(np.diff(np.sign(np.diff(good.columns["command.hip"]))))
+    value = only(good, "reversals", "info").values["hip"]
+    assert 0.6 * np.sum(turns == 2) <= value <= np.sum(turns == 2)
+
+
+def test_milliseconds_as_seconds_are_refused():
+    wrong = log()
+    finding = only(wrong._replace(time=1e3 * wrong.time), "rate", "refuse")
+    assert "milliseconds" in finding.text and "column 'time'" in finding.text
+
+
+def test_rate_that_contradicts_the_metadata_is_warned_of():
+    assert (
+        "50 Hz"
+        in only(log()._replace(metadata={"rate_hz": 50.0}), "rate", "warning")[2]
+    )
+
+
+def test_gap_names_its_row():
+    whole = log()
+    keep = np.r_[0:400, 430 : len(whole.time)]
+    cut = Recording(
+        "gap.csv",
+        whole.time[keep],
+        whole.trajectory[keep],
+        {name: values[keep] for name, values in whole.columns.items()},
+        {},
+    )
+    finding = only(cut, "gaps", "warning")
+    assert "row 401" in finding.text
+    assert finding.values["longest"] == pytest.approx(0.31, abs=0.002)
+
+
+def test_coarse_encoder_is_warned_of():
+    good = log()
+    coarse = 0.02 * np.round(good.columns["position.hip"] / 0.02)
+    finding = only(changed(good, **{"position.hip": coarse}), "encoder step", "warning")
+    assert finding.values["hip"] == pytest.approx(0.02) and "position.hip" in finding[2]
+
+
+def test_degrees_below_a_full_turn_are_refused():
+    random = log()
+    small = {
+        name: np.rad2deg(0.3 * (values - values.mean()))
+        for name, values in random.columns.items()
+    }
+    refused = found(changed(random, **small), "units")
+    assert {each.level for each in refused} == {"refuse"}
+    assert any("row " in each.text and "unit: deg" in each.text for each in refused)
+
+
+def test_position_in_another_unit_than_its_command_is_refused():
+    good = log()
+    wide = {joint: (-np.inf, np.inf) for joint in JOINTS}
+    turned = changed(good, **{"position.hip": np.rad2deg(good.columns["position.hip"])})
+    finding = only(turned, "units", "refuse", ranges=wide)
+    assert "position.hip" in finding.text
+
+
+def test_constant_position_is_refused_and_held_joint_is_told():
+    good = log()
+    dead = changed(good, **{"position.knee": np.full(len(good.time), 0.8)})
+    finding = only(dead, "dead column", "refuse")
+    assert "row 1, column 'position.knee'" in finding.text
+    both = {
+        f"{family}.knee": np.full(len(good.time), 0.8)
+        for family in ("command", "position")
+    }
+    assert list(only(changed(good, **both), "held still", "info").values) == ["knee"]
+
+
+def test_no_motion_is_refused_to_fit_and_warned_of_to_hold_out():
+    good = log()
+    still = changed(
+        good, **{n: v.mean() + 0.01 * (v - v.mean()) for n, v in good.columns.items()}
+    )
+    assert "0.05 rad" in only(still, "excitation", "refuse").text
+    only(still, "excitation", "warning", role="held-out")
+    ramp = {name: np.linspace(0.0, 0.9, len(good.time)) for name in good.columns}
+    assert "0 reversals" in only(changed(good, **ramp), "excitation", "refuse").text
+    short = only(log(seconds=1.8), "excitation", "refuse")
+    assert "2 s" in short.text
+
+
+def test_one_lame_joint_is_only_warned_of():
+    good = log()
+    weak = 0.8 + 0.04 * (good.columns["position.knee"] - 0.8)
+    lame = changed(good, **{"position.knee": STEP * np.round(weak / STEP)})
+    assert list(only(lame, "excitation", "warning").values) == ["knee"]
+
+
+def test_saturation_and_commands_beyond_the_limits_name_their_row():
+    good = log()
+    top = 1.0
+    command = good.columns["command.knee"]
+    row = int(np.flatnonzero(command > top + 0.01)[0]) + 1
+    clipped = np.minimum(good.columns["position.knee"], top)
+    stopped = changed(good, **{"position.knee": clipped})
+    ranges = {**RANGES, "knee": (-0.3, top)}
+    assert f"row {row}, " in only(stopped, "limits", "warning", ranges=ranges).text
+    assert "position.knee" in only(stopped, "saturation", "warning", ranges=ranges).text
+    assert found(stopped, "saturation") == []
+
+
+def test_start_in_motion_is_warned_of():
+    whole = log()
+    late = Recording(
+        "late.csv",
+        whole.time[300:] - whole.time[300],
+        whole.trajectory[300:],
+        {
+            **{name: values[300:] for name, values in whole.columns.items()},
+            "position.hip": whole.columns["position.hip"][300:]
+            - np.linspace(0.0, 9.0, len(whole.time) - 300),
+        },
+        {},
+    )
+    assert "row 1, column 'position.hip'" in found(late, "start")[0].text
+    offset = changed(whole, **{"position.hip": whole.columns["position.hip"] + 0.3})
+    assert "from its command" in only(offset, "start", "warning").text
+
+
+def test_turned_sign_swapped_columns_and_shift_are_refused():
+    good = log()
+    mean = good.columns["position.hip"].mean()
+    turned = changed(good, **{"position.hip": 2 * mean - good.columns["position.hip"]})
+    assert "sign: -1" in only(turned, "sign", "refuse").text
+    hip, knee = (good.columns[f"position.{joint}"] for joint in JOINTS)
+    swapped = changed(good, **{"position.hip": knee, "position.knee": hip})
+    assert "command.knee" in found(swapped, "swapped")[0].text
+    assert [each.level for each in found(swapped, "swapped")] == ["refuse"] * 2
+    shifted = found(log(delay=0.45), "shifted")
+    assert [each.level for each in shifted] == ["refuse"] * 2
+    assert shifted[0].values["hip"] == pytest.approx(0.45, abs=0.011)
+    early = found(log(delay=-0.12), "shifted")
+    assert [each.level for each in early] == ["warning"] * 2
+    ahead = found(log(delay=-0.4), "shifted")
+    assert [each.level for each in ahead] == ["refuse"] * 2
+    assert early[0].values["hip"] == pytest.approx(-0.12, abs=0.011)
+    assert found(log(delay=0.1), "shifted") == []
+
+
+def test_clock_that_drifts_is_not_refused():
+    good = log(seconds=16.0)
+    for drift in (0.05, -0.05, 0.02):
+        late = {
+            name: np.interp((1.0 - drift) * good.time, good.time, values)
+            for name, values in good.columns.items()
+            if name.startswith("position")
+        }
+        levels = {each.level for each in findings(changed(good, **late), RANGES, "fit")}
+        assert "refuse" not in levels
+
+
+def test_shift_that_changes_within_the_log_is_told_from_a_constant_one():
+    good = log(seconds=16.0)
+    early, late = (log(seconds=16.0, delay=delay) for delay in (0.25, 0.42))
+    half = len(good.time) // 2
+    both = {
+        f"position.{joint}": np.concatenate(
+            [
+                early.columns[f"position.{joint}"][:half],
+                late.columns[f"position.{joint}"][half:],
+            ]
+        )
+        for joint in JOINTS
+    }
+    every = found(changed(good, **both), "shifted")
+    assert [each.level for each in every] == ["warning"] * len(every)
+    assert all("run apart" in each.text for each in every) and every
+
+
+def test_slow_log_with_play_is_no_shift():
+    time = np.arange(0.0, 20.0, PERIOD)
+    command = 0.4 * np.sin(2 * np.pi * 0.05 * time)
+    position = 0.4 * np.sin(2 * np.pi * 0.05 * (time - 0.5))
+    columns = {"command.hip": command, "position.hip": position}
+    slow = Recording("slow.csv", time, np.zeros(len(time), int), columns, {})
+    assert found(slow, "shifted") == []
+
+
+def test_repeats_are_compared():
+    one, other = log(seed=0), log(seed=0)
+    random = np.random.default_rng(9).normal(0.0, 0.02, len(one.time))
+    columns = {
+        name: np.concatenate([values, other.columns[name]])
+        for name, values in one.columns.items()
+    }
+    columns["position.hip"][len(one.time) :] += random
+    both = Recording(
+        "two.csv",
+        np.concatenate([one.time, other.time]),
+        np.repeat([0, 1], len(one.time)),
+        columns,
+        {},
+    )
+    finding = only(both, "repeats", "info")
+    assert finding.values["hip"] == pytest.approx(0.02, rel=0.1)
+    assert finding.values["knee"] < 1e-3
+    assert found(log(), "repeats") == []
+
+
+def test_same_rows_are_found_under_another_name_and_other_rows_are_not():
+    fit, held = log(seed=0), log(seed=1, name="held.parquet")
+    assert same_data([fit], [held]) is None
+    repeat = log(seed=0, name="again.parquet", delay=0.031)
+    assert same_data([fit], [repeat]) is None
+    part = slice(500, 800)
+    copied = Recording(
+        "other.csv",
+        fit.time[part] - fit.time[part][0],
+        fit.trajectory[part],
+        {name: values[part].astype(np.float32) for name, values in fit.columns.items()},
+        {},
+    )
+    line = same_data([held, fit], [copied])
+    assert line is not None
+    assert line.startswith("other.csv: rows 1 to 300 are also in fit.parquet")
+
+
+def test_summary_puts_the_gravest_first():
+    good, bad = log(), log(delay=0.45, name="bad.csv")
+    rows = summary([(each, findings(each, RANGES, "fit")) for each in (good, bad)])
+    assert rows[0]["level"] == "refuse" and rows[0]["file"] == "bad.csv"
+    assert set(rows[0]) == {"file", "level", "check", "text"}
+    assert len(rows) == sum(len(findings(r, RANGES, "fit")) for r in (good, bad))

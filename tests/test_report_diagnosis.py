@@ -1,0 +1,489 @@
+"""The page of a diagnosis: it says what the files say, and shows what they show."""
+
+import functools
+import json
+import re
+import subprocess
+import sys
+import time
+from html.parser import HTMLParser
+
+import mujoco
+import numpy as np
+import pyarrow as pa
+import pytest
+from pyarrow import parquet
+
+from gatjax.report.diagnosis import write_report
+from gatjax.report.diagnosis.read import Signals, Trace
+from gatjax.report.diagnosis.response import response
+from gatjax.report.diagnosis.signals import binned, close_up, speed, thinned
+
+RATE = 100.0  # Hz
+STEP = 2 * np.pi / 4096
+PENDULUM = """
+<mujoco><option timestep="0.002"/><worldbody><body pos="0 0 1">
+  <joint name="servo" axis="0 1 0" armature="0.012" damping="0.5" frictionloss="{dry}"/>
+  <inertial pos="0 0 -0.17" mass="{mass}" diaginertia="0.002 0.002 0.0004"/>
+</body></worldbody>
+<actuator>
+  <position joint="servo" kp="20" kv="0.25" forcerange="-5 5"/>
+</actuator></mujoco>
+"""
+
+
+def command(kind, seconds):
+    when = np.arange(0.0, seconds, 1.0 / RATE)
+    slow = 0.5 * np.sin(2 * np.pi * 0.15 * when)
+    if kind == "chirp":
+        slow = slow + 0.15 * np.sin(2 * np.pi * (0.2 + 0.12 * when) * when)
+    else:
+        slow = 0.35 * np.sign(np.sin(2 * np.pi * 0.3 * when)) + 0.3 * slow
+    return when, slow * np.clip(when - 0.5, 0.0, 1.0)
+
+
+def simulate(sent, dry=0.06, mass=0.62, delay=0, push=0.0):
+    """Angle and load torque at every command of a pendulum with one servo."""
+    model = mujoco.MjModel.from_xml_string(PENDULUM.format(dry=dry, mass=mass))
+    data = mujoco.MjData(model)
+    angle, load = [], []
+    late = np.concatenate([np.full(delay, sent[0]), sent])
+    for target in late[: len(sent)]:
+        angle.append(data.qpos[0])
+        load.append(data.qfrc_bias[0])
+        data.ctrl[0] = target
+        data.qfrc_applied[0] = push * np.sin(2 * np.pi * 1.7 * data.time)
+        mujoco.mj_step(model, data, 5)
+    return np.array(angle), np.array(load)
+
+
+EFFECTS = {
+    "none": ({"mass": 0.63}, {"mass": 0.63}),
+    "named": ({"dry": 0.5}, {"dry": 0.48}),
+    "ambiguous": ({"delay": 4}, {"delay": 4}),
+    "unknown": ({"push": 1.0}, {}),
+}
+CAUSES = {
+    "none": [],
+    "named": [("coulomb_friction", "torque", 0.42, "N*m", [])],
+    "ambiguous": [("command_delay", "delay", 0.04, "s", ["measurement_delay"])],
+    "unknown": [],
+}
+SENTENCES = {
+    "none": "The logs agree with the model; 0.11 N m of dry friction would have shown.",
+    "named": "The servo has 0.42 N m more dry friction than the model; it holds on "
+    "logs that were not fitted, where the error falls by 80 %.",
+    "ambiguous": "Something delays the servo by 40 ms; the logs cannot tell whether it "
+    "is the command or the measurement.",
+    "unknown": "The servo is pushed about once in 0.6 s by something that no known "
+    "cause explains.",
+}
+
+
+@functools.cache
+def signals(verdict, names):
+    """The table of signals, every joint a pendulum of its own."""
+    real, extended = EFFECTS[verdict]
+    random = np.random.default_rng(5)
+    made = {}
+    for part, (kind, seconds) in enumerate((("chirp", 12.0), ("steps", 8.0))):
+        when, sent = command(kind, seconds)
+        own = {"time": when, "trajectory": 0 * when, "part": part + 0 * when}
+        measured, _ = simulate(sent, **real)
+        nominal, load = simulate(sent)
+        better, _ = simulate(sent, **extended)
+        for row, name in enumerate(names):
+            noisy = measured if row == 0 else nominal
+            noisy = noisy + random.normal(0.0, 5e-4, len(when))
+            own[f"command.{name}"] = sent
+            own[f"measured.{name}"] = STEP * np.round(noisy / STEP)
+            own[f"nominal.{name}"], own[f"load.{name}"] = nominal, load
+            own[f"extended.{name}"] = better if row == 0 else nominal
+        for name, values in own.items():
+            made.setdefault(name, []).append(values)
+    return {name: np.concatenate(parts) for name, parts in made.items()}
+
+
+def described(verdict, columns, names):
+    """A diagnosis.json with every key, its numbers taken from the signals."""
+    fit = columns["part"] == 0
+
+    def rms(joint, model, rows):
+        rest = columns[f"measured.{joint}"] - columns[f"{model}.{joint}"]
+        return float(np.sqrt(np.mean(np.square(rest[rows]))))
+
+    causes = [
+        {
+            "cause": cause,
+            "where": [names[0]],
+            "parameters": {
+                name: {"value": v, "low": 0.9 * v, "high": 1.1 * v, "unit": unit}
+            },
+            "probability": 0.96 if verdict == "named" else 0.5,
+            "equivalent": equivalent,
+        }
+        for cause, name, v, unit, equivalent in CAUSES[verdict]
+    ]
+    first = causes[0] if causes else {"cause": "none", "where": [], "parameters": {}}
+    others = ["measurement_delay", "stiction", "backlash", "load_friction", "payload"]
+    residual = rms(names[0], "extended", fit)
+    candidates = [
+        {**first, "variant": "", "log_evidence": -210.4, "rms": residual},
+        *(
+            {
+                "cause": cause,
+                "variant": "encoder on the link" if cause == "backlash" else "",
+                "where": [names[0]],
+                "log_evidence": -212.0 - 9.0 * row,
+                "probability": 0.4 * 0.1**row,
+                "rms": residual * (1.1 + 0.6 * row),
+                "parameters": {"size": {"value": 0.02, "unit": "rad"}},
+            }
+            for row, cause in enumerate(others)
+        ),
+    ]
+    before, after = rms(names[0], "nominal", ~fit), rms(names[0], "extended", ~fit)
+    horizons = [
+        {"horizon_s": ahead, "joint": joint, "before": scale * b, "after": scale * a,
+         "low": 1 - 1.15 * a / b, "high": 1 - 0.85 * a / b}
+        for ahead, scale in ((0.01, 0.1), (0.1, 0.6), (0.5, 0.9), (None, 1.0))
+        for joint, b, a in [("all", before, after)] + [
+            (name, rms(name, "nominal", ~fit), rms(name, "extended", ~fit))
+            for name in names
+        ]
+    ]  # fmt: skip
+    promoted = verdict in ("named", "ambiguous")
+    return {
+        "schema": "gatjax.diagnosis/1",
+        "verdict": verdict,
+        "sentence": SENTENCES[verdict],
+        "robot": "servo_pendulum",
+        "files": {"fit": ["fit.parquet"], "held_out": ["held.parquet"]},
+        "causes": causes,
+        "candidates": candidates,
+        "joints": [
+            {
+                "name": name,
+                "noise": 0.0007,
+                "nominal_rms": rms(name, "nominal", fit),
+                "tolerance_rms": 0.8 * rms(name, "nominal", fit),
+                "extended_rms": rms(name, "extended", fit),
+                "beyond_tolerance": 0.64 if row == 0 and verdict != "none" else 0.02,
+            }
+            for row, name in enumerate(names)
+        ],
+        "unexplained": {
+            "significant": verdict == "unknown",
+            "share": 0.91 if verdict == "unknown" else 0.03,
+            "depends_on": [
+                {"variable": "time", "share": 0.62},
+                {"variable": f"position of {names[0]}", "share": 0.08},
+            ],
+            "term": "0.98 sin(10.7 time) N m" if verdict == "unknown" else None,
+        },
+        "gain": {
+            "metric": "position rmse", "unit": "rad", "before": before, "after": after,
+            "low": 1 - 1.15 * after / before, "high": 1 - 0.85 * after / before,
+            "noise_floor": 0.0007, "learned_ceiling": 0.4 * before,
+            "learned_share": 0.93, "promoted": promoted, "horizons": horizons,
+        },
+        "calibration": [
+            {"parameter": parameter, "where": [name], "nominal": value,
+             "fitted": value * (1 + change), "tolerance": 0.1 * value, "unit": unit}
+            for name in names
+            for parameter, value, change, unit in (
+                ("gain", 20.0, 0.031, "N*m/rad"), ("damping", 0.5, -0.08, "N*m*s/rad"),
+                ("mass", 0.62, 0.1, "kg"),
+            )
+        ],
+        "next_experiment": {
+            "motion": "slow_reversals",
+            "separates": ["coulomb_friction", "stiction"],
+            "why": "At walking pace both look alike; only creeping shows the peak.",
+            "separation": 8.31,
+        },
+        "smallest_effects": [
+            {"cause": cause, "where": [name], "value": value * (1 + row), "unit": unit}
+            for row, name in enumerate(names)
+            for cause, value, unit in (
+                ("coulomb_friction", 0.11, "N*m"), ("command_delay", 0.003, "s"),
+                ("backlash", 0.005, "rad"),
+            )
+        ],
+        "not_expressible": ["command_delay: MJCF has no delay that MJX obeys"],
+        "data_checks": [
+            {"file": "fit.parquet", "level": "warning", "check": "gaps",
+             "text": "fit.parquet: row 401, column 'time': 0.31 s after row 400"},
+            {"file": "fit.parquet", "level": "info", "check": "rate",
+             "text": "fit.parquet: column 'time': a row every 10 ms (100 Hz)"},
+        ],
+        "seconds": 14.2,
+    }  # fmt: skip
+
+
+def write_folder(folder, verdict, names=("servo",)):
+    folder.mkdir(parents=True, exist_ok=True)
+    columns = signals(verdict, names)
+    parquet.write_table(pa.table(columns), folder / "signals.parquet")
+    content = described(verdict, columns, names)
+    (folder / "diagnosis.json").write_text(json.dumps(content))
+    return folder
+
+
+ORDER = [
+    "Evidence: which causes were weighed",
+    "Where: residual of every joint",
+    "Joint servo",
+    "What it is worth on held-out logs",
+    "What is left",
+    "Calibration",
+    "Next experiment",
+    "What these logs could have shown",
+    "Data checks",
+    "Files and how this was made",
+]
+PICTURES = [
+    "Close-up, ",
+    "The whole ",
+    "Residual over time",
+    "Hysteresis in slow motion",
+    "Residual against position",
+    "Residual against velocity",
+    "Residual against load",
+    "Response to the command: gain",
+    "Response to the command: delay",
+]
+
+
+class Text(HTMLParser):
+    """The words of a page, and whether every element is closed where it should."""
+
+    EMPTY = frozenset({"meta", "br", "path", "use", "rect", "circle"})
+
+    def __init__(self, page):
+        super().__init__()
+        self.words, self.open, self.wrong, self.titles = [], [], [], []
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        if tag not in self.EMPTY:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        if tag in self.EMPTY:
+            return
+        if not self.open or self.open.pop() != tag:
+            self.wrong.append(tag)
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] not in ("style", "script"):
+            self.words.append(data)
+        if self.open and self.open[-1] == "h2":
+            self.titles.append(data)
+
+    @property
+    def all(self):
+        return " ".join(self.words)
+
+
+@pytest.fixture(scope="module")
+def pages(tmp_path_factory):
+    """A page for every verdict, as text."""
+    root = tmp_path_factory.mktemp("diagnoses")
+    return {
+        verdict: write_report(write_folder(root / verdict, verdict)).read_text()
+        for verdict in EFFECTS
+    }
+
+
+def edited(folder, **changes):
+    """A page without signals, with keys of diagnosis.json changed or, if None, gone."""
+    folder.mkdir(parents=True, exist_ok=True)
+    content = described("named", signals("named", ("servo",)), ("servo",))
+    content.update(changes)
+    content = {key: value for key, value in content.items() if value is not None}
+    (folder / "diagnosis.json").write_text(json.dumps(content))
+    return write_report(folder).read_text()
+
+
+@pytest.mark.parametrize("verdict", EFFECTS)
+def test_page_has_every_part_in_order_and_needs_no_network(pages, verdict):
+    page = pages[verdict]
+    text = Text(page)
+    assert text.titles == ORDER
+    assert text.wrong == [] and text.open == []
+    assert (
+        re.findall(r"(?:src|href)=[\"'](?!#)|url\((?!#)|@import|https?://", page) == []
+    )
+    assert re.findall(r"\bnan\b|\binf\b|\bNone\b", text.all) == []
+    heads = re.findall(r"<h3>(.*?)</h3>", page)
+    assert [t for t in PICTURES if not any(h.startswith(t) for h in heads)] == []
+    assert len(page) < 1_000_000
+
+
+@pytest.mark.parametrize("verdict", EFFECTS)
+def test_verdict_stands_on_top_in_words(pages, verdict):
+    first = SENTENCES[verdict].partition("; ")[0]
+    assert re.search(r"<h1>(.*?)</h1>", pages[verdict])[1] == first
+    badge = {"none": "better", "named": "better"}.get(verdict, "unclear")
+    assert f'class="badge {badge}"' in pages[verdict]
+
+
+def test_every_axis_has_a_unit(pages):
+    svgs = re.findall(r"<svg.*?</svg>", pages["named"], re.DOTALL)
+    assert len(svgs) == 14
+    units = ("degrees", ", s", "N m", "Hz", "ms", "rad per rad", "%", "simulated ahead")
+    for svg in svgs:
+        words = [word for word in Text(svg).words if word.strip()]
+        labels = [w for w in words if w.endswith(units) or "degrees/s" in w]
+        assert len(labels) == (1 if "servo" in words else 2), words
+
+
+def test_numbers_are_those_of_the_file(tmp_path):
+    text = Text(edited(tmp_path)).all
+    for words in (
+        "0.378 to 0.462 N m (90 %), probability 96 %",
+        "leaves ",
+        "encoder on the link",
+        "0.62 kg",
+        "+100 %",
+        "slow_reversals: it separates coulomb friction from stiction",
+        "8.31 noise units",
+        "0.286° (0.005 rad)",
+        "row 401, column 'time'",
+        "14.2 s",
+        "It explains 93 % of what a learned model takes away",
+        "The extended model is promoted",
+    ):
+        assert words in text, words
+    gain = {"before": 0.02, "after": 0.015, "low": -0.1, "high": 0.4, "promoted": False}
+    page = edited(tmp_path, gain=gain)
+    text = Text(page).all
+    assert "<td class=n>25 %</td>" in page and "\N{MINUS SIGN}10 to 40 %" in text
+    assert "not promoted" in text and "1.15° before, 0.859° after" in text
+
+
+def test_runner_up_is_told_why_it_lost(pages):
+    assert "cannot be told apart from command delay at servo" in pages["ambiguous"]
+    assert "nearly as good as coulomb friction at servo" in pages["named"]
+    assert pages["named"].count("<td>named</td>") == 1
+    assert "no better than the tolerances of the model" in pages["none"]
+    assert "0.98 sin(10.7 time) N m" in pages["unknown"]
+
+
+KEYS = sorted(described("named", signals("named", ("servo",)), ("servo",)))
+
+
+@pytest.mark.parametrize("key", KEYS)
+def test_page_lives_without_a_key(tmp_path, key):
+    text = Text(edited(tmp_path, **{key: None}))
+    assert text.wrong == [] and text.titles[0] == "This diagnosis is not complete"
+    assert "signals.parquet is missing" in text.all
+
+
+def test_barest_folder_and_broken_ones(tmp_path):
+    (tmp_path / "diagnosis.json").write_text('{"verdict": "unknown", "gain": null}')
+    (tmp_path / "signals.parquet").write_text("no table")
+    text = Text(write_report(tmp_path).read_text()).all
+    assert "signals.parquet cannot be read" in text
+    assert "something that no known cause explains" in text
+    (tmp_path / "diagnosis.json").write_text("{")
+    with pytest.raises(ValueError, match="not JSON"):
+        write_report(tmp_path)
+    (tmp_path / "diagnosis.json").unlink()
+    with pytest.raises(FileNotFoundError, match="gatjax diagnose"):
+        write_report(tmp_path)
+
+
+def test_text_of_others_is_not_run(tmp_path):
+    evil = "<script>alert(1)</script>"
+    hostile = {"motion": evil, "why": evil, "separates": [evil, evil]}
+    checks = [{"file": evil, "level": "info", "check": evil, "text": evil}]
+    page = edited(
+        tmp_path,
+        robot=evil,
+        sentence=evil,
+        next_experiment=hostile,
+        data_checks=checks,
+        not_expressible=[evil],
+        files={"fit": [evil], "held_out": [evil]},
+        unexplained={"term": evil, "depends_on": [{"variable": evil, "share": 0.5}]},
+        candidates=[{"cause": evil, "where": [evil], "variant": evil}],
+        smallest_effects=[{"cause": evil, "where": [evil], "value": 1, "unit": evil}],
+        calibration=[{"parameter": evil, "where": [evil], "unit": evil, "nominal": 1}],
+        joints=[{"name": evil, "nominal_rms": 0.1}],
+    )
+    assert evil not in page
+
+
+def test_robot_of_23_joints_stays_small_and_draws_the_named_joint(tmp_path):
+    names = tuple(f"joint_{row}" for row in range(23))
+    folder = write_folder(tmp_path, "named", names)
+    begun = time.process_time()
+    page = write_report(folder).read_text()
+    assert time.process_time() - begun < 5.0
+    assert len(page) < 3_000_000
+    assert [t for t in Text(page).titles if t.startswith("Joint")] == ["Joint joint_0"]
+    content = json.loads((folder / "diagnosis.json").read_text())
+    content["causes"][0]["where"] = ["all"]
+    content["joints"][7]["tolerance_rms"] = 1.0
+    (folder / "diagnosis.json").write_text(json.dumps(content))
+    titles = Text(write_report(folder).read_text()).titles
+    drawn = [title for title in titles if title.startswith("Joint")]
+    assert drawn == ["Joint joint_7", "Joint joint_0"]
+
+
+def two_runs(angle, delay=0.0, gain=1.0):
+    """Signals of two runs whose measured angle is a late copy of the command."""
+    when = np.arange(0.0, 20.0, 0.01)
+    command = np.concatenate([angle(when), angle(when + 7.0)])
+    late = [angle(when - delay), angle(when + 7.0 - delay)]
+    measured = gain * np.concatenate(late)
+    run = np.repeat([0, 1], len(when))
+    trace = Trace(command, measured, command, None, None)
+    return Signals(np.tile(when, 2), run, run == 1, {"servo": trace}), trace
+
+
+def test_response_finds_gain_and_delay():
+    rates = np.linspace(0.4, 5.0, 24)
+
+    def many(when):
+        return 0.1 * np.sin(2 * np.pi * rates * when[:, None] + rates**2 * 9.0).sum(-1)
+
+    found, trace = two_runs(many, delay=0.034, gain=0.8)
+    answer = response(found, trace.command, trace.measured)
+    assert len(answer.frequency) > 10
+    np.testing.assert_allclose(answer.gain, 0.8, atol=0.03)
+    np.testing.assert_allclose(answer.delay, 0.034, atol=0.003)
+    still = response(found, 0.0 * trace.command, trace.measured)
+    assert len(still.frequency) == 0
+
+
+def test_signals_are_read_within_their_runs():
+    found, trace = two_runs(lambda when: 0.3 * when)
+    np.testing.assert_allclose(speed(found, trace.command), 0.3, atol=1e-9)
+    bumped = trace.measured.copy()
+    bumped[3000:3050] += 0.2
+    rows = close_up(found, trace._replace(measured=bumped))
+    assert set(range(3000, 3050)) <= set(rows.tolist())
+    assert len(set(found.run[rows])) == 1 and 280 <= len(rows) <= 302
+    place, height = thinned(np.arange(4000.0), np.where(np.arange(4000) == 780, 9.0, 0))
+    assert len(place) <= 700 and height.max() == 9.0 and 780.0 in place
+
+
+def test_binned_mean_and_spread():
+    random = np.random.default_rng(2)
+    variable = random.uniform(-1.0, 1.0, 4000)
+    bins = binned(variable, 3.0 * variable + random.normal(0.0, 0.5, 4000))
+    np.testing.assert_allclose(bins.mean, 3.0 * bins.centre, atol=0.12)
+    np.testing.assert_allclose(bins.spread, 0.5, atol=0.08)
+    assert binned(np.ones(100), variable[:100]) is None
+
+
+def test_room_reads_files_only():
+    code = "import sys, gatjax.report.diagnosis; print(*sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    loaded = set(done.stdout.split())
+    assert loaded.isdisjoint({"jax", "mujoco", "gatjax.sim", "gatjax.diagnosis"})
