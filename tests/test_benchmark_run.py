@@ -58,7 +58,7 @@ def test_a_case_is_made_diagnosed_and_scored(blind):
     own = read_json(out / "scores.json")["solvers"]
     row = own["gatjax"]["cases"][0]
     assert (row["truth"], row["first"]) == ("coulomb_friction", "coulomb_friction")
-    assert row["joint"] and row["error"] < 0.2
+    assert row["joint"] and row["error"] < 0.3
     single = own["largest improvement"]["cases"][0]
     assert single["first"] == "coulomb_friction" and single["error"] < 0.3
     assert 0.5 < single["share"] < 1.5

@@ -151,6 +151,7 @@ def test_the_file_is_the_documented_one(tmp_path):
         "schema": "gatjax.world/1",
         "model": "nao",
         "rate_hz": 50.0,
+        "timestep_s": 0.004,
         "effects": [
             {"cause": "backlash", "where": ["LKneePitch"], "values": {"width": 0.018}}
         ],

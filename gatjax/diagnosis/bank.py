@@ -12,8 +12,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from gatjax.diagnosis.hypotheses import Hypothesis, Numbers
-from gatjax.diagnosis.joint import Joint
-from gatjax.diagnosis.loads import BODY_TERMS, TERMS
+from gatjax.diagnosis.joint import GRAVITY, Joint
+from gatjax.diagnosis.loads import BODY_TERMS, TERMS, tilted
 
 Scale = Callable[[Joint], float]
 
@@ -127,8 +127,22 @@ def _vector(
     starts = tuple(tuple(row) for k in (size, -size) for row in np.eye(count) * k)
     return Hypothesis(
         cause, "", put, starts, (0.05 * size,) * count, (-high,) * count,
-        (high,) * count, values,
+        (high,) * count, values, prior=((3.0 / high) ** 2,) * count,
     )  # fmt: skip
+
+
+def _tilt() -> Hypothesis:
+    """A mounting turned by roll and pitch: loads are linear in the gravity vector."""
+    first = TERMS + len(BODY_TERMS)
+
+    def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
+        gravity = np.array([joint.nominal[name] for name in GRAVITY])
+        change = tilted(gravity, x) - gravity
+        drive.update({f"term{first + k}": float(v) for k, v in enumerate(change)})
+
+    plain = _vector("gravity_tilt", first, ("roll", "pitch"), "angle", 0.1, 0.6)
+    more = tuple((k * a, k * b) for k in (0.3, -0.3) for a, b in ((1, 0), (0, 1)))
+    return plain._replace(put=put, starts=plain.starts + more)
 
 
 def _stiction() -> Hypothesis:
@@ -261,9 +275,9 @@ CAUSES: tuple[Hypothesis, ...] = (
     _signed("encoder_offset", "log only", "zero_out", "offset", 0.06, 0.6, values={"in_loop": 0.0}),
     _signed("encoder_scale", "", "scale", "scale", 0.08, 0.4, neutral=1.0),
     _positive("payload", "mass", f"term{TERMS}", 0.01, 20.0, (0.05, 0.2, 0.6, 1.5, 4.0)),
-    _vector("com_shift", TERMS + 1, ("x", "y", "z"), "distance", 0.02, 0.3),
+    _vector("com_shift", TERMS + 1, ("x", "y", "z"), "distance", 0.02, 0.17),
     _positive("armature", "inertia", "armature", 0.1, 40.0, (0.5, 1.5, 5.0), _armature, True),
-    _vector("gravity_tilt", TERMS + len(BODY_TERMS), ("roll", "pitch"), "angle", 0.1, 0.8),
+    _tilt(),
     _thermal(),
     _signed("clock_drift", "", "drift", "drift", 0.0015, 0.02),
     _positive("supply_sag", "max_drop", "sag", 0.02, 0.7, (0.08, 0.2, 0.4)),

@@ -73,7 +73,7 @@ def diagnose(
     tell("extend", 0.0)
     period = control_period(logs.runs)
     nominal = worlds.nominal(Task(control_period=period), source)
-    world = extend.extended(verdict, source, period)
+    world = _extended(verdict, source, period, logs)
     out.mkdir(parents=True, exist_ok=True)
     rows = [result.cause_row(verdict, cause, seed) for cause in verdict.causes]
     tell("measure", 0.0)
@@ -102,6 +102,21 @@ def diagnose(
     }
     write_json(out / "diagnosis.json", text)
     return text
+
+
+def _extended(verdict: Verdict, source: str, period: float, logs: Logs) -> World:
+    """The extended world; with the calibration if that predicts the fit logs better."""
+    worlds = [
+        extend.extended(verdict, source, period, rows)
+        for rows in ([], extend.calibration(verdict))
+    ]
+    errors = [
+        measure.log_errors(logs.runs, measure.whole_log(world, logs.runs))
+        for world in worlds
+    ]
+    return min(
+        zip(worlds, errors, strict=True), key=lambda pair: pair[1].squared.mean()
+    )[0]
 
 
 def _predicted(world: World, logs: Logs, unseen: Logs) -> tuple[list, list]:

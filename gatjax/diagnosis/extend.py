@@ -8,6 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from gatjax.diagnosis import plant
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.hypotheses import COUNT, RELATIVE, TOLERANCES, numbers
 from gatjax.diagnosis.verdict import Verdict
@@ -62,8 +63,10 @@ def world_values(verdict: Verdict, claim: Claim) -> dict[str, float]:
         return values | {"heat": float(max(heat, 1e-6))}
     if cause == "supply_sag":
         return values | {"total": verdict.judge.case.supply}
-    if cause == "backlash" or cause == "joint_elasticity":
+    if cause == "backlash":
         return values | {"link_share": 0.0}
+    if cause == "joint_elasticity":
+        return values | {"link_share": 0.0, "damping_ratio": plant.DAMPING_RATIO}
     return values
 
 
@@ -83,42 +86,38 @@ def calibration(verdict: Verdict) -> list[Row]:
     for joint, fit in zip(verdict.judge.joints, verdict.judge.known, strict=True):
         x = dict(zip(TOLERANCES, fit.x[:COUNT], strict=True))
         drive = joint.nominal | numbers(joint, None, fit.x[:COUNT])
-        changes: dict[str, tuple[str, dict[str, float]]] = {
-            "kp": ("gain_error", {"scale": float(drive["kp"] / joint.nominal["kp"])}),
-            "kv": ("damping_error", {"scale": float(np.exp(RELATIVE["kv"] * x["kv"]))}),
-            "damping": (
-                "viscous_friction",
-                {"coefficient": drive["damping"] - joint.nominal["damping"]},
-            ),
-            "friction": (
-                "coulomb_friction",
-                {"torque": drive["friction"] - joint.nominal["friction"]},
-            ),
-            "armature": (
-                "armature", {"inertia": drive["armature"] - joint.nominal["armature"]}
-            ),
-            "zero_out": ("encoder_offset", {"offset": float(drive["zero_out"])}),
-        }  # fmt: skip
-        for name, (cause, values) in changes.items():
-            if abs(x[name]) > LEAST:
-                rows.append(
-                    {"cause": cause, "where": [joint.name], "values": values,
-                     "role": "calibration"}
-                )  # fmt: skip
-        rows.append(
-            {"cause": "command_delay", "where": [joint.name],
-             "values": {"delay": float(drive["delay"])}, "role": "calibration"}
-        )  # fmt: skip
+        more = {name: drive[name] - joint.nominal[name] for name in RELATIVE}
+        changes: dict[str, tuple[str, float]] = {
+            "kp": ("gain_error", drive["kp"] / joint.nominal["kp"]),
+            "kv": ("damping_error", drive["kv"] / max(joint.nominal["kv"], 1e-9)),
+            "damping": ("viscous_friction", more["damping"]),
+            "friction": ("coulomb_friction", more["friction"]),
+            "armature": ("armature", more["armature"]),
+            "limit": ("torque_limit", drive["limit"]),
+            "zero_out": ("encoder_offset", drive["zero_out"]),
+            "delay": ("command_delay", drive["delay"]),
+        }
+        for name, (cause, value) in changes.items():
+            if abs(x[name]) < LEAST or (name == "limit" and more["limit"] > 0.0):
+                continue
+            values = {CATALOGUE[cause].main.name: float(value)}
+            rows.append(
+                {"cause": cause, "where": [joint.name], "values": values,
+                 "role": "calibration"}
+            )  # fmt: skip
     return rows
 
 
-def extended(verdict: Verdict, source: str | Path, period: float) -> World:
-    """The nominal world with the verdict's causes and calibration.
+def extended(
+    verdict: Verdict, source: str | Path, period: float, rows: list[Row]
+) -> World:
+    """The nominal world with the verdict's causes and rows of calibration.
 
     Args:
         verdict: of the diagnosis.
         source: model file.
         period: control period, s.
+        rows: from `calibration`, or none.
     """
     step = period / np.ceil(period / TIMESTEP)
     world = worlds.nominal(Task(control_period=period), source, float(step))
@@ -127,7 +126,7 @@ def extended(verdict: Verdict, source: str | Path, period: float) -> World:
         where = places(verdict, claim)
         values = world_values(verdict, claim)
         world = worlds.add_cause(world, claim.hypothesis.cause, where, values)
-    for row in calibration(verdict):
+    for row in rows:
         world = worlds.add_cause(
             world, row["cause"], row["where"], row["values"], row["role"]
         )

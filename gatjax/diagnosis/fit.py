@@ -12,7 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gatjax.diagnosis.hypotheses import BOUND, COUNT, Hypothesis, numbers
+from gatjax.diagnosis.hypotheses import (
+    BOUND,
+    COUNT,
+    Hypothesis,
+    information,
+    numbers,
+)
 from gatjax.diagnosis.joint import Joint
 
 INFLATION = 1.5  # of the reading noise: what the best model leaves besides
@@ -60,8 +66,11 @@ def residuals(joint: Joint, points: Sequence[Point]) -> np.ndarray:
     return np.where(np.isfinite(out), out, 10.0)
 
 
-def _cost(joint: Joint, x: np.ndarray, residual: np.ndarray) -> float:
-    return float(residual @ residual / spread(joint) ** 2 + x[:COUNT] @ x[:COUNT])
+def cost_of(joint: Joint, point: Point, residual: np.ndarray) -> float:
+    """Misfit of a residual and prior of a point."""
+    hypothesis, x = point
+    prior = information(hypothesis) @ np.square(x)
+    return float(residual @ residual / spread(joint) ** 2 + prior)
 
 
 def start(joint: Joint, points: Sequence[Point]) -> list[Fit]:
@@ -69,7 +78,7 @@ def start(joint: Joint, points: Sequence[Point]) -> list[Fit]:
     found = residuals(joint, points)
     fits = []
     for (hypothesis, x), residual in zip(points, found.T, strict=True):
-        cost = _cost(joint, x, residual)
+        cost = cost_of(joint, (hypothesis, x), residual)
         empty = np.zeros((len(residual), len(x)))
         square = np.eye(len(x))
         fits.append(Fit(hypothesis, x, cost, residual, empty, square, 1e-2, False))
@@ -119,16 +128,16 @@ def linearised(joint: Joint, fits: list[Fit]) -> list[Fit]:
         columns = found[:, first : first + len(step)]
         first += len(step)
         slopes = (columns - fit.residual[:, None]) / step
-        information = slopes.T @ slopes / spread(joint) ** 2
-        information += np.diag(np.where(np.arange(len(step)) < COUNT, 1.0, FAINT))
-        out.append(fit._replace(slopes=slopes, information=information))
+        square = slopes.T @ slopes / spread(joint) ** 2
+        square += np.diag(np.maximum(information(fit.hypothesis), FAINT))
+        out.append(fit._replace(slopes=slopes, information=square))
     return out
 
 
 def _step(joint: Joint, fit: Fit, damping: float) -> np.ndarray:
     """Next coordinates: damped Gauss-Newton, coordinates at a bound held there."""
     gradient = fit.slopes.T @ fit.residual / spread(joint) ** 2
-    gradient[:COUNT] += fit.x[:COUNT]
+    gradient += information(fit.hypothesis) * fit.x
     low, high = bounds(fit.hypothesis)
     trust = np.append(np.full(COUNT, TRUST), 0.25 * (high - low)[COUNT:])
     free = np.ones(len(gradient), bool)
@@ -159,7 +168,7 @@ def improve(joint: Joint, fits: list[Fit], iterations: int) -> list[Fit]:
         found = residuals(joint, list(zip(owners, trials, strict=True)))
         for place, (k, fit) in enumerate(zip(active, moving, strict=True)):
             options = [
-                (_cost(joint, trials[i], found[:, i]), i)
+                (cost_of(joint, (owners[i], trials[i]), found[:, i]), i)
                 for i in range(3 * place, 3 * place + 3)
             ]
             cost, best = min(options)

@@ -46,6 +46,11 @@ class Hypothesis(NamedTuple):
     values: Callable[[Joint, np.ndarray], Numbers]  # the catalogue's parameters, SI
     geared: bool = False
     parts: tuple[Any, ...] = ()  # of a combination: the causes it is made of
+    prior: tuple[float, ...] = ()  # information on the coordinates around 0
+
+    def weights(self) -> np.ndarray:
+        """Prior information on the coordinates, [own]; 0 where there is none."""
+        return np.array(self.prior or (0.0,) * len(self.low))
 
     @property
     def name(self) -> str:
@@ -71,6 +76,7 @@ def combined(first: Hypothesis | None, second: Hypothesis) -> Hypothesis:
         put=put, starts=(), steps=first.steps + second.steps,
         low=first.low + second.low, high=first.high + second.high,
         geared=first.geared or second.geared,
+        prior=(*first.weights(), *second.weights()),
         parts=(*(first.parts or (first,)), second),
     )  # fmt: skip
 
@@ -82,9 +88,15 @@ def pinned(hypothesis: Hypothesis, own: np.ndarray) -> Hypothesis:
         hypothesis.put(drive, joint, own)
 
     return hypothesis._replace(
-        put=put, starts=(), steps=(), low=(), high=(),
+        put=put, starts=(), steps=(), low=(), high=(), prior=(),
         values=lambda joint, x: hypothesis.values(joint, own),
     )  # fmt: skip
+
+
+def information(hypothesis: Hypothesis | None) -> np.ndarray:
+    """Prior information on all coordinates [COUNT + own]."""
+    own = hypothesis.weights() if hypothesis else np.zeros(0)
+    return np.append(np.ones(COUNT), own)
 
 
 def tolerated(joint: Joint, x: np.ndarray) -> Numbers:

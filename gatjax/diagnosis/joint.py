@@ -17,6 +17,7 @@ STEP = 1e-3  # s, of the single-joint simulation
 CHUNKS = (32, 128, 256)  # simulations that run together: one compilation each
 TRANSPORT = 0.0012  # s, nominal way of a command to the servo
 CREEP = 0.06  # rad/s, speed at which stiction has faded
+GRAVITY = ("gravity_x", "gravity_y", "gravity_z")  # in `nominal`, m/s^2
 GIVE = 3e-4  # rad, that dry friction yields before it slips
 
 
@@ -74,7 +75,8 @@ def nominal_drive(model: mujoco.MjModel, tree: weights.Tree, index: int) -> dict
     """Numbers of a position servo and its joint as the model file gives them."""
     moves = tree.moves[:, index]
     limited = model.actuator_forcelimited[index]
-    return {
+    gravity = dict(zip(GRAVITY, map(float, model.opt.gravity), strict=True))
+    return gravity | {
         "kp": float(model.actuator_gainprm[index, 0]),
         "kv": float(-model.actuator_biasprm[index, 2]),
         "limit": float(model.actuator_forcerange[index, 1]) if limited else 1e3,
@@ -151,13 +153,14 @@ def build(
 
         terms = [
             np.concatenate(
-                [a[0][:, index], l.bodies[0, :, index, index], l.tilt[:, index]], -1
+                [a[0][:, index], l.bodies[0, :, index, index], l.gravity[:, index]], -1
             )
             for a, l in zip(added, loads, strict=True)
         ]
         heavy = [
             np.concatenate(
-                [a[1][:, index], l.bodies[1, :, index, index], 0 * l.tilt[:, index]], -1
+                [a[1][:, index], l.bodies[1, :, index, index], 0 * l.gravity[:, index]],
+                -1,
             )
             for a, l in zip(added, loads, strict=True)
         ]

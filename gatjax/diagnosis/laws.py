@@ -77,10 +77,9 @@ class Servo(NamedTuple):
 
 
 class Push(NamedTuple):
-    """Servo torque = push - (kv + h gain) speed, within limits."""
+    """Servo torque = push - kv speed, within limits."""
 
     push: Array
-    gain: Array
     low: Array
     high: Array
 
@@ -112,7 +111,6 @@ def servo(
     most = p.limit * left
     push = Push(
         p.kp * left * (error + integral),
-        p.kp * left * (jnp.abs(error) > 0.0),
         -most * jnp.clip(1.0 + speed / p.speed, 0.0, 1.0),
         most * jnp.clip(1.0 - speed / p.speed, 0.0, 1.0),
     )

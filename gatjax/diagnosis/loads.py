@@ -24,7 +24,7 @@ DRAWS = 40  # perturbed bodies
 TERMS = 4  # load shapes that body tolerances may add
 COARSE = 8  # points of a motion between two at which changed bodies are weighed
 BODY_TERMS = ("mass", "com_x", "com_y", "com_z")
-TILT_TERMS = ("roll", "pitch")
+GRAVITY_TERMS = ("x", "y", "z")
 
 
 class Load(NamedTuple):
@@ -136,7 +136,7 @@ class Loads(NamedTuple):
     nominal: Load
     draws: tuple[np.ndarray, np.ndarray]  # rest, inertia of perturbed bodies [m, J, D]
     bodies: np.ndarray  # per unit of a body term of joint b [2, m, J, b, BODY_TERMS]
-    tilt: np.ndarray  # rest per rad [m, J, TILT_TERMS]
+    gravity: np.ndarray  # rest per m/s^2 of gravity [m, J, GRAVITY_TERMS]
 
 
 def weigh(tree: Tree, motion: Motion, others: list[mujoco.MjModel]) -> Loads:
@@ -153,20 +153,20 @@ def weigh(tree: Tree, motion: Motion, others: list[mujoco.MjModel]) -> Loads:
     drawn = [tree.loads(other, motion, few) for other in others]
     bodies = np.empty((2, *rest.shape, rest.shape[1], len(BODY_TERMS)))
     for joint, body in enumerate(tree.body):
-        for term, (other, size) in enumerate(_changed(tree.model, body)):
+        for term, (other, size) in enumerate(_changed(tree.model, int(body))):
             load = tree.loads(other, motion, few)
             bodies[0, :, :, joint, term] = (load.rest - rest) / size
             bodies[1, :, :, joint, term] = (load.inertia - inertia) / size
-    tilt = []
-    for angles in np.eye(2) * 0.05:
+    gravity = []
+    for change in np.eye(3):
         turned = mujoco.MjModel.__copy__(tree.model)
-        turned.opt.gravity[:] = tilted(tree.model.opt.gravity, angles)
-        tilt.append((tree.loads(turned, motion, few).rest - rest) / 0.05)
+        turned.opt.gravity[:] += change
+        gravity.append(tree.loads(turned, motion, few).rest - rest)
     draws = (
         np.stack([load.rest - rest for load in drawn], -1),
         np.stack([load.inertia - inertia for load in drawn], -1),
     )
-    return Loads(nominal, draws, bodies, np.stack(tilt, -1))
+    return Loads(nominal, draws, bodies, np.stack(gravity, -1))
 
 
 def _changed(model: mujoco.MjModel, body: int) -> list[tuple[mujoco.MjModel, float]]:

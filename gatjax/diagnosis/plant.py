@@ -1,8 +1,8 @@
 """One joint, simulated alone with every cause of the catalogue as a number.
 
 A neutral number switches a law off, so one compilation serves all hypotheses. Both
-plants are implicit in speed and stick exactly: dry friction takes at most the momentum
-that there is.
+plants are integrated by leapfrog (Hairer, Lubich, Wanner 2003: speeds live between the
+steps, second order), with damping, gear and dry friction solved implicitly.
 """
 
 from __future__ import annotations
@@ -78,16 +78,21 @@ def rigid_step(p: Drive, g: Grid, u: Array, s: Rigid, h: float) -> Rigid:
     memory, push = laws.servo(p, g, u, s.servo, s.q + p.zero_in, s.v, h)
     inertia, torque = laws.link(p, g, s.q, s.v)
     total = inertia + p.armature
-    resist = p.kv + h * push.gain
-    given = total * s.v + h * (torque + laws.ripple(p, s.q))
-    free = (given + h * push.push) / (total + h * (resist + p.damping))
-    asked = push.push - resist * free
+    aside = h * (torque + laws.ripple(p, s.q))
+
+    def freely(resist: Array, force: Array) -> tuple[Array, Array]:
+        solid = total + 0.5 * h * resist
+        given = (total - 0.5 * h * resist) * s.v + aside + h * force
+        return given / solid, solid
+
+    free, _ = freely(p.kv + p.damping, push.push)
+    asked = push.push - 0.5 * p.kv * (s.v + free)
     bound = jnp.clip(asked, push.low, push.high)
     inside = bound == asked
-    solid = total + h * (p.damping + jnp.where(inside, resist, 0.0))
-    free = (given + h * jnp.where(inside, push.push, bound)) / solid
+    resist = p.damping + jnp.where(inside, p.kv, 0.0)
+    free, solid = freely(resist, jnp.where(inside, push.push, bound))
     v, bristle = rubbed(p, free, solid, s.carried, s.bristle, h)
-    done = jnp.where(inside, push.push - resist * v, bound)
+    done = jnp.where(inside, push.push - 0.5 * p.kv * (s.v + v), bound)
     carried = inertia * (v - s.v) / h - torque
     return Rigid(s.q + h * v, v, carried, bristle, laws.warmed(p, memory, done, h))
 
@@ -102,33 +107,36 @@ def geared_step(p: Drive, g: Grid, u: Array, s: Geared, h: float) -> Geared:
     loss = 2.0 * DAMPING_RATIO * jnp.sqrt(p.stiffness * reduced)
     tie = jnp.where(beyond != 0.0, h * (h * p.stiffness + loss), 0.0)
     spring = h * p.stiffness * beyond
-    resist = p.kv + h * push.gain * p.sensed
     low = inertia + tie
     onto = inertia * s.v + spring + h * torque
-    given = p.armature * s.turning - spring + tie * onto / low
-    given += h * laws.ripple(p, s.turned)
-    bare = p.armature + tie - tie * tie / low + h * p.damping
-    free = (given + h * push.push) / (bare + h * resist)
-    asked = push.push - resist * free
+    aside = -spring + tie * onto / low + h * laws.ripple(p, s.turned)
+    bare = tie - tie * tie / low
+
+    def freely(resist: Array, force: Array) -> tuple[Array, Array]:
+        solid = p.armature + bare + 0.5 * h * resist
+        given = (p.armature - 0.5 * h * resist) * s.turning + aside + h * force
+        return given / solid, solid
+
+    free, _ = freely(p.kv + p.damping, push.push)
+    asked = push.push - 0.5 * p.kv * (s.turning + free)
     bound = jnp.clip(asked, push.low, push.high)
     inside = bound == asked
-    solid = bare + jnp.where(inside, h * resist, 0.0)
-    free = (given + h * jnp.where(inside, push.push, bound)) / solid
+    resist = p.damping + jnp.where(inside, p.kv, 0.0)
+    free, solid = freely(resist, jnp.where(inside, push.push, bound))
     turning, bristle = rubbed(p, free, solid, s.carried, s.bristle, h)
     v = (onto + tie * turning) / low
     carried = (spring + tie * (turning - v)) / h
-    done = jnp.where(inside, push.push - resist * turning, bound)
+    done = jnp.where(inside, push.push - 0.5 * p.kv * (s.turning + turning), bound)
     memory = laws.warmed(p, memory, done, h)
     turned = s.turned + h * turning
     return Geared(s.q + h * v, v, turned, turning, carried, bristle, memory)
 
 
 def _delayed(target: Array, delay: Array, h: float) -> Any:
-    """Function of a step number: the command cells [R, K], late by a delay [S]."""
-    steps = delay / h
-    whole = jnp.floor(steps)
-    part = (steps - whole).astype(target.dtype)
-    whole = whole.astype(jnp.int32)
+    """Function of a step number: the command cells [R, K], late by a delay [1, S]."""
+    steps = delay / h + 0.5  # torques act around a step, cells begin with it
+    part = (steps - jnp.floor(steps)).astype(target.dtype)
+    whole = jnp.floor(steps[0]).astype(jnp.int32)
 
     def at(k: Array) -> Array:
         newer, older = jnp.maximum(k - whole, 0), jnp.maximum(k - whole - 1, 0)
@@ -159,15 +167,15 @@ def _simulate(p: Drive, grid: Grid, h: float, geared: bool) -> tuple[Any, Array]
 
 def _read(p: Drive, seen: Array, time: Array, lead: int, h: float) -> Array:
     """Readings at the stamps [R, N] -> [R, N, S], with the encoder's errors."""
-    at = time[..., None] * (1.0 - p.drift) - p.late
+    at = time[..., None] * (1.0 - p.drift[None]) - p.late[None]
     place = jnp.clip(at / h + (lead - 1.0), 0.0, seen.shape[0] - 2.0)
     whole = jnp.floor(place)
     part = (place - whole).astype(seen.dtype)
     index = whole.astype(jnp.int32)
     run = jnp.arange(time.shape[0])[:, None, None]
-    sim = jnp.arange(p.kp.shape[0])
+    sim = jnp.arange(seen.shape[-1])[None, None]
     q = seen[index, run, sim] * (1.0 - part) + seen[index + 1, run, sim] * part
-    return (q + p.zero_in + p.zero_out) * p.scale
+    return (q + p.zero_in[None] + p.zero_out[None]) * p.scale[None]
 
 
 class Outcome(NamedTuple):
@@ -181,6 +189,7 @@ class Outcome(NamedTuple):
 def _run(
     p: Drive, grid: Grid, time: Array, lead: int, h: float, geared: bool
 ) -> Outcome:
+    p = Drive(*(number[None] for number in p[:-1]), terms=p.terms)
     state, seen = _simulate(p, grid, h, geared)
     return Outcome(_read(p, seen, time, lead, h), seen, state.servo.heat)
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.fit import Fit
-from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined
+from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined, information
 from gatjax.diagnosis.joint import Joint
 
 STARTS = 2  # of each hypothesis that are refined
@@ -66,11 +66,12 @@ def _adjusted(joint: Joint, base: Fit, shift: np.ndarray) -> tuple[float, np.nda
     scale = fits.spread(joint)
     residual = base.residual + shift
     gradient = base.slopes.T @ residual / scale**2
-    gradient[:COUNT] += base.x[:COUNT]
+    prior = information(base.hypothesis)
+    gradient += prior * base.x
     low, high = fits.bounds(base.hypothesis)
     x = np.clip(base.x - np.linalg.solve(base.information, gradient), low, high)
     residual = residual + base.slopes @ (x - base.x)
-    return float(residual @ residual / scale**2 + x[:COUNT] @ x[:COUNT]), x
+    return float(residual @ residual / scale**2 + prior @ np.square(x)), x
 
 
 def _solved(

@@ -20,6 +20,7 @@ MARGIN = 10.0  # nats by which two named causes must beat an unnamed law
 TOLERABLE = 2.2  # times the reading noise: an explanation may leave that much
 LEAST_SHARE = 0.4  # of the misfit power at its joints that a cause has to explain
 VISIBLE = 0.5  # times the scatter from tolerances: a smaller change is not a cause
+SECOND_SHARE = 0.8  # the same where a joint is explained already, but for a little
 EXPECTED = 1.3  # misfit power of a right model, in squares of the reading noise
 SPENT = 9.0  # squared deviations: tolerances that imitate a cause instead of a misfit
 REST = 0.02  # share of the misfit power that an explanation may leave
@@ -58,7 +59,7 @@ def decide(case: Case, tell: Callable[[str, float], None]) -> Verdict:
     law: Claim | None = None
     claims = judge.claims()
     while len(causes) < MOST_CAUSES:
-        best = next((c for c in claims if worth_naming(judge, c)), None)
+        best = next((c for c in claims if worth_naming(judge, case, c)), None)
         if best is None:
             break
         if not best.hypothesis.cause or explained(judge, best) < LEAST_SHARE:
@@ -77,11 +78,19 @@ def decide(case: Case, tell: Callable[[str, float], None]) -> Verdict:
     return Verdict(_word(causes, left), causes, left, law, claims, judge)
 
 
-def worth_naming(judge: Judge, claim: Claim) -> bool:
-    """Whether a claim is well supported, and larger than what tolerances do."""
+def worth_naming(judge: Judge, case: Case, claim: Claim) -> bool:
+    """Whether a claim is well supported, and larger than what tolerances do.
+
+    What a large cause leaves at its joint, a small share of what it explained, is more
+    likely its own law drawn too simply than a second cause.
+    """
     if claim.gain < WORTH:
         return False
-    return not claim.hypothesis.cause or judge.visibility(claim) > VISIBLE
+    known = {k for accepted in judge.accepted for k in accepted.fits}
+    again = [k for k in claim.fits if k in known and adequate(judge, case, k)]
+    if len(again) == len(claim.fits) and explained(judge, claim) < SECOND_SHARE:
+        return False
+    return judge.visibility(claim) > VISIBLE
 
 
 def explained(judge: Judge, claim: Claim) -> float:

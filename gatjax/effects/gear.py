@@ -44,7 +44,7 @@ class Motion(NamedTuple):
 
 
 class Side(NamedTuple):
-    """The motor without the gear, [..., J]: resist speed' = push - torque of the gear."""
+    """The motor, [..., J]: resist speed' = push - torque of the gear."""
 
     push: Array  # N m
     resist: Array  # N m s/rad, inertia over the step included
@@ -155,7 +155,7 @@ def _motor(
 def _touched(
     xp: Any, gear: Gear, drive: Drive, twist: Array, side: Side, period: float
 ) -> tuple[Array, Array]:
-    """Torque of the gear on a link, if neither side moves, N m, and per slip, N m s/rad.
+    """Torque of the gear if neither side moves, N m, and per slip, N m s/rad.
 
     Both are 0 where the motor goes through the gap.
     """

@@ -26,7 +26,7 @@ class State(NamedTuple):
 
 
 class Push(NamedTuple):
-    """What the physics gets; without joint effects or gears, None where it is unused."""
+    """What the physics gets; None is what a world without such effects leaves."""
 
     control: Array  # [..., J] rad, for the position actuators
     load: Array  # [..., J] N m, on the joints

@@ -30,7 +30,9 @@ class Answer(NamedTuple):
 
     slope: np.ndarray  # [J] N m/rad
     inertia: np.ndarray  # [J] kg m^2
-    share: np.ndarray  # [J, C] of a slow generalised load, that each joint carries
+    share: np.ndarray  # [J, nv] of a slow generalised load, that each joint carries
+    gives: np.ndarray  # [J] rad per N m that it carries, servo and all
+    pushes: np.ndarray  # [nv, W] of unit forces (3), then moments (3), on each foot
 
 
 class Frame:
@@ -44,6 +46,9 @@ class Frame:
         self.moves = np.zeros((model.nv, self.base + tree.moves.shape[1]))
         self.moves[: self.base, : self.base] = np.eye(self.base)
         self.moves[:, self.base :] = tree.moves
+        touching = model.geom_contype | model.geom_conaffinity
+        feet = np.unique(model.geom_bodyid[np.flatnonzero(touching)])
+        self.feet = feet[model.body_weldid[feet] != 0]
         own = np.square(tree.moves).T @ model.dof_damping
         self.servo = np.zeros((2, self.moves.shape[1]))  # springs, dampers
         self.servo[0, self.base :] = model.actuator_gainprm[:, 0]
@@ -100,16 +105,31 @@ class Frame:
         """What joints see of the body at a state that mj_forward has seen."""
         mass, damper, spring = self.matrices(model, data)
         joints = slice(self.base, None)
-        real, shares = [], []
+        real, shares, gives = [], [], np.zeros(0)
         for rate in (SLOW, FAST):
             whole = spring + 1j * rate * damper - rate**2 * mass
             turned = np.linalg.inv(whole)
+            gives = gives if len(gives) else np.diag(turned).real[joints]
             shares.append((turned / np.diag(turned)[:, None]).real[joints])
             own = self.servo[0] + 1j * rate * self.servo[1]
             real.append((1.0 / np.diag(turned) - own).real[joints])
         least = 1.0 / np.diag(np.linalg.inv(mass))[joints]
         inertia = np.maximum((real[0] - real[1]) / (FAST**2 - SLOW**2), least)
-        return Answer(real[0] + SLOW**2 * inertia, inertia, shares[0])
+        return Answer(
+            real[0] + SLOW**2 * inertia, inertia, shares[0] @ self.moves.T, gives,
+            self._pushes(model, data),
+        )  # fmt: skip
+
+    def _pushes(self, model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+        """Generalised forces of unit wrenches on the bodies that touch the ground."""
+        bodies = model.geom_bodyid[data.contact.geom]
+        out = np.zeros((len(self.feet), 6, model.nv))
+        for foot, push in zip(self.feet, out, strict=True):
+            mine = (bodies == foot).any(1)
+            if mine.any():
+                point = data.contact.pos[mine].mean(0)
+                mujoco.mj_jac(model, data, push[:3], push[3:], point, int(foot))
+        return out.reshape(-1, model.nv).T
 
 
 def _dense(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:

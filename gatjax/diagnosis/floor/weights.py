@@ -16,7 +16,7 @@ import numpy as np
 
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis.floor.played import LIFT, SETTLE, Rows
-from gatjax.diagnosis.floor.reaction import Frame
+from gatjax.diagnosis.floor.reaction import Answer, Frame
 from gatjax.diagnosis.floor.tolerances import Draw
 from gatjax.diagnosis.joint import STEP, TRANSPORT
 from gatjax.diagnosis.loads import (
@@ -40,7 +40,7 @@ class Moment(NamedTuple):
     position: np.ndarray  # [nq]
     velocity: np.ndarray  # [nv]
     acceleration: np.ndarray  # [nv]
-    share: np.ndarray  # [J, nv] of a generalised load, that each joint carries
+    answer: Answer
 
 
 class Trace(NamedTuple):
@@ -88,8 +88,8 @@ def trace(
             mujoco.mj_forward(model, data)
             answer = frame.answer(model, data)
             slope[point], inertia[point] = answer.slope, answer.inertia
-            state = (data.qpos, data.qvel, data.qacc, answer.share @ frame.moves.T)
-            moments.append(Moment(*(part.copy() for part in state)))
+            state = (data.qpos.copy(), data.qvel.copy(), data.qacc.copy())
+            moments.append(Moment(*state, answer))
         for step in range(FINE):
             data.ctrl[:] = targets[point * FINE + step]
             before = data.qvel[_dofs(tree)].copy()
@@ -151,12 +151,12 @@ def bodies(tree: Tree, moments: list[Moment]) -> tuple[np.ndarray, np.ndarray]:
             for term, variant in enumerate(terms):
                 pull, heavy = variant.taken(tree, moment)
                 more = (heavy - mass) / variant.size
-                rest = moment.share @ (pull - force) / variant.size
+                rest = moment.answer.share @ (pull - force) / variant.size
                 rest -= more * moment.acceleration[dofs]
                 found[:, k, :, joint, term] = rest, more
         for term, variant in enumerate(turned):
             pull, _ = variant.taken(tree, moment)
-            tilt[k, :, term] = moment.share @ (pull - force) / angle
+            tilt[k, :, term] = moment.answer.share @ (pull - force) / angle
     return found, tilt
 
 
@@ -183,38 +183,31 @@ class _Variant:
         return force, (tree.moves * (self.dense @ tree.moves)).sum(0)
 
 
-def drawn(
-    rows: list[Rows], traces: list[Trace], robots: list[Draw], tree: Tree
-) -> list[np.ndarray]:
+def drawn(rows: Rows, trace: Trace, robots: list[Draw], tree: Tree) -> np.ndarray:
     """Loads that tolerances of the whole robot add to each joint.
 
     Args:
-        rows: of R runs in S worlds of one time step, the first one nominal.
-        traces: of the runs.
+        rows: of a run in S worlds of one time step, the first one nominal.
+        trace: of the run.
         robots: of the S worlds.
         tree: of the model.
 
     Returns:
-        [m, J, S - 1] N m for each run, at the moments of its trace.
+        [m, J, S - 1] N m, at the moments of the trace.
     """
-    out = []
-    for row, one in zip(rows, traces, strict=True):
-        few = one.motion.time[::COARSE]
-        load = (
-            [np.interp(row.time, one.motion.time, s) for s in one.load.inertia.T],
-            [np.interp(row.time, one.motion.time, s) for s in one.load.slope.T],
-        )
-        inertia, slope = (np.stack(series, -1) for series in load)
-        path = row.angle[0]
-        rest = []
-        for robot, angle, speed, torque in zip(
-            robots, row.angle, row.velocity, row.torque, strict=True
-        ):
-            damping = np.square(tree.moves).T @ robot.model.dof_damping
-            friction = np.abs(tree.moves).T @ robot.model.dof_frictionloss
-            own = torque - damping * speed - friction * np.tanh(speed / CREEP)
-            own -= inertia * np.gradient(speed, row.time, axis=0)
-            rest.append(own - slope * (angle - path))
-        extra = np.stack(rest[1:], -1) - rest[0][..., None]
-        out.append(spread(few, row.time, extra))
-    return out
+    time, load = trace.motion.time, trace.load
+    inertia, slope = (
+        np.stack([np.interp(rows.time, time, s) for s in series.T], -1)
+        for series in (load.inertia, load.slope)
+    )
+    rest = []
+    for robot, angle, speed, torque in zip(
+        robots, rows.angle, rows.velocity, rows.torque, strict=True
+    ):
+        damping = np.square(tree.moves).T @ robot.model.dof_damping
+        friction = np.abs(tree.moves).T @ robot.model.dof_frictionloss
+        own = torque - damping * speed - friction * np.tanh(speed / CREEP)
+        own -= inertia * np.gradient(speed, rows.time, axis=0)
+        rest.append(own - slope * (angle - rows.angle[0]))
+    extra = np.stack(rest[1:], -1) - rest[0][..., None]
+    return spread(time[::COARSE], rows.time, extra)

@@ -1,0 +1,184 @@
+"""Claims about floor, feet and inertial unit: what explains the channels best."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from gatjax.diagnosis.claims import PLACE, PRICE
+from gatjax.diagnosis.floor import causes, estimate
+from gatjax.diagnosis.floor.causes import Known, Suspect
+from gatjax.diagnosis.floor.observed import Observed, Weighed, observe, vector, weighed
+from gatjax.diagnosis.floor.played import Rows, replayed
+from gatjax.diagnosis.floor.standing import Standing
+from gatjax.effects.sensor import turned
+from gatjax.sim.world import World
+
+ROUNDS = 3  # of simulating again at the best value
+PROMISING = 3.0  # nats: else a value is not looked into again
+STEP = 0.002  # rad, of finite differences
+AXES = ("roll", "pitch", "yaw")
+
+
+class FloorClaim(NamedTuple):
+    """A cause of floor, feet or inertial unit, and what it explains, in nats."""
+
+    cause: str
+    where: str
+    values: dict[str, float]  # the catalogue's parameters, the scored one first
+    low: float  # 90 % interval of the first parameter
+    high: float
+    gain: float  # nats over what was known before, prices paid
+    channels: dict[str, float]  # nats of each channel
+
+
+class Scene(NamedTuple):
+    """A standing robot with what is known of it, as the claims are weighed."""
+
+    standing: Standing
+    seen: Observed
+    world: World  # with the known causes
+    rows: list[Rows]  # nominal, of each run
+    known: Weighed
+
+
+def claims(
+    standing: Standing, tell: Callable[[str, float], None], known: Known = ()
+) -> list[FloorClaim]:
+    """All claims, best first.
+
+    Args:
+        standing: what `prepare` made ready.
+        tell: is called with a stage and the share of it that is done.
+        known: causes that are named already; they stay in every simulation.
+    """
+    scene = _scene(standing, known)
+    found = [_imu(scene)]
+    suspects = causes.suspects(standing.model)
+    nodes = [
+        suspect.world(scene.world, x) for suspect in suspects for x in suspect.nodes
+    ]
+    played = _predicted(scene, nodes)
+    first = 0
+    for number, suspect in enumerate(suspects):
+        tell("floor", number / len(suspects))
+        mine = played[first : first + len(suspect.nodes)]
+        first += len(suspect.nodes)
+        fitted = _leaning if len(suspect.axes) > 1 else _along
+        found.append(fitted(scene, suspect, mine))
+    return sorted(found, key=lambda claim: -claim.gain)
+
+
+def _scene(standing: Standing, known: Known) -> Scene:
+    one = standing.ensembles[0]
+    world = causes.extended(one.world, known)
+    seen = observe(standing)
+    rows = one.rows
+    if known:
+        rows = replayed(world, standing.runs, causes.batch(world, [world]))
+    rows = [_first(row) for row in rows]
+    nominal = vector(standing, seen.names, rows)[0]
+    return Scene(standing, seen, world, rows, weighed(seen, nominal))
+
+
+def _first(row: Rows) -> Rows:
+    """The first world's rows alone."""
+    return Rows(row.time, row.command, *(part[:1] for part in row[2:]))
+
+
+def _predicted(scene: Scene, worlds: list[World]) -> np.ndarray:
+    """Channels [S, C, B] of worlds that differ in the causes' fields."""
+    values = causes.batch(scene.world, worlds)
+    rows = replayed(scene.world, scene.standing.runs, values)
+    return vector(scene.standing, scene.seen.names, rows)
+
+
+def _claim(
+    scene: Scene, suspect: Suspect, x: np.ndarray, best: Weighed,
+    span: tuple[float, float],
+) -> FloorClaim:  # fmt: skip
+    """A claim at its best value."""
+    bins = scene.seen.measured.shape[1]
+    per = bins * np.log(scene.known.level / best.level)
+    gain = best.evidence - scene.known.evidence - PRICE * len(x) - PLACE
+    low, high = np.clip(span, suspect.low, suspect.high)
+    channels = dict(zip(scene.seen.names, map(float, per), strict=True))
+    return FloorClaim(
+        suspect.cause, suspect.where, suspect.values(x), float(low), float(high),
+        float(gain), channels,
+    )  # fmt: skip
+
+
+def _imu(scene: Scene) -> FloorClaim:
+    """The best misalignment: what the inertial unit says, turned."""
+    suspect = Suspect("imu_misalignment", "imu", AXES, np.zeros((0, 3)), {}, 0.0, 1.0)
+
+    def predict(x: np.ndarray) -> np.ndarray:
+        rows = [_askew(row, x) for row in scene.rows]
+        return vector(scene.standing, scene.seen.names, rows)[0]
+
+    x, now, covariance = np.zeros(3), scene.known, np.eye(3)
+    for _ in range(ROUNDS):
+        here = predict(x)
+        slopes = np.stack(
+            [(predict(x + row) - here) / STEP for row in np.eye(3) * STEP]
+        )
+        x, covariance = estimate.improved(scene.seen, now, x, slopes)
+        now = weighed(scene.seen, predict(x))
+    return _claim(scene, suspect, x, now, estimate.length(x, covariance))
+
+
+def _askew(row: Rows, angles: np.ndarray) -> Rows:
+    """Rows of an inertial unit whose axes are turned by roll, pitch, yaw rad."""
+    axes = np.stack([turned(axis, angles) for axis in np.eye(3)])
+    return row._replace(
+        gyro=row.gyro @ axes.T, accelerometer=row.accelerometer @ axes.T,
+        up=row.up @ axes.T,
+    )  # fmt: skip
+
+
+def _leaning(scene: Scene, suspect: Suspect, played: np.ndarray) -> FloorClaim:
+    """The best vector: slopes from simulated pairs, and simulations at the best."""
+    size = np.abs(suspect.nodes).max()
+    slopes = (played[0::2] - played[1::2]) / (2.0 * size)
+    x, now, covariance = np.zeros(len(slopes)), scene.known, np.eye(len(slopes))
+    best = (x, now, covariance)
+    for round_ in range(ROUNDS):
+        x, covariance = estimate.improved(scene.seen, now, x, slopes)
+        now = weighed(scene.seen, _predicted(scene, [suspect.world(scene.world, x)])[0])
+        if round_ and now.evidence <= best[1].evidence:
+            break
+        best = (x, now, covariance)
+        if now.evidence - scene.known.evidence < PROMISING:
+            break
+    x, now, covariance = best
+    return _claim(scene, suspect, x, now, estimate.length(x, covariance))
+
+
+def _along(scene: Scene, suspect: Suspect, played: np.ndarray) -> FloorClaim:
+    """The best severity of one parameter, between simulated ones."""
+    neutral = _neutral(scene, suspect)
+    nominal = vector(scene.standing, scene.seen.names, scene.rows)
+    places = [neutral, *suspect.nodes[:, 0]]
+    curve = dict(zip(places, np.concatenate([nominal, played]), strict=True))
+    for round_ in range(ROUNDS):
+        found = estimate.profile(scene.seen, curve, neutral)
+        best = max(found, key=lambda x: found[x].evidence)
+        if found[best].evidence - scene.known.evidence < PROMISING or best in curve:
+            break
+        if round_ + 1 < ROUNDS:
+            world = suspect.world(scene.world, np.array([best]))
+            curve[best] = _predicted(scene, [world])[0]
+    span = estimate.inside(found)
+    return _claim(scene, suspect, np.array([best]), found[best], span)
+
+
+def _neutral(scene: Scene, suspect: Suspect) -> float:
+    """The value of a parameter in the nominal model."""
+    model = scene.standing.model
+    touching = np.flatnonzero(model.geom_contype | model.geom_conaffinity)
+    field = {"mu": model.geom_friction, "time_constant": model.geom_solref}
+    name = suspect.axes[0]
+    return float(field[name][touching, 0].max()) if name in field else 0.0

@@ -1,0 +1,182 @@
+"""Measured and simulated logs of a standing robot as one vector, and its scatter.
+
+All channels are averaged over CORRELATED seconds, after which misfits are taken as
+independent. Tolerances move the vector along the directions of the ensemble; what they
+leave is noise of unknown size, channel by channel, as in `gatjax.diagnosis.fit`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from gatjax.data.trajectories import JointRun
+from gatjax.diagnosis.fit import CORRELATED, FLOOR
+from gatjax.diagnosis.floor.channels import Channels, simulated
+from gatjax.diagnosis.floor.played import Rows
+from gatjax.diagnosis.floor.standing import Standing
+from gatjax.diagnosis.hypotheses import RELATIVE, ZERO
+from gatjax.robot.model import joint_names
+
+BIASES = {"gyro": 0.005, "accelerometer": 0.05}  # rad/s, m/s^2: tolerance of an IMU
+TIME = 0.001  # s, that tolerances of damping and transport are worth
+ROUNDS = 4  # of finding the size of the noise
+
+
+class Observed(NamedTuple):
+    """What was measured, in C channels and B bins, and how it may scatter."""
+
+    names: tuple[str, ...]  # C
+    measured: np.ndarray  # [C, B]
+    scatter: np.ndarray  # [C, B, D] per standard deviation of a tolerance
+    noise: np.ndarray  # [C] of a bin's mean, and of what tolerances leave
+
+
+class Weighed(NamedTuple):
+    """How well a prediction meets what was measured."""
+
+    evidence: float  # nats
+    level: np.ndarray  # [C] misfit in units of the noise
+    rest: np.ndarray  # [C, B] measured minus predicted, tolerances still in it
+
+
+def binned(run: JointRun, series: np.ndarray) -> np.ndarray:
+    """Means [..., b] of series [..., N] over bins of CORRELATED seconds."""
+    stamps = run.time - run.time[0]
+    edges = np.arange(0.0, stamps[-1], CORRELATED)
+    first = np.searchsorted(stamps, edges)
+    total = np.add.reduceat(series, first, axis=-1)
+    return total / np.diff(np.append(first, len(stamps)))
+
+
+def vector(
+    standing: Standing, names: tuple[str, ...], rows: list[Rows],
+    zero: np.ndarray | float = 0.0,
+) -> np.ndarray:  # fmt: skip
+    """Simulated channels [S, C, B] of rows of all runs; zero [S, J] is read too."""
+    parts = []
+    for run, row in zip(standing.runs, rows, strict=True):
+        stamps = run.time - run.time[0]
+        angle = row.at(stamps, row.angle) + np.broadcast_to(
+            np.asarray(zero)[..., None, :] if np.ndim(zero) else 0.0,
+            (len(row.angle), 1, row.angle.shape[-1]),
+        )
+        found = simulated(standing.model, row, stamps)
+        joints = dict(zip(joint_names(standing.model), np.moveaxis(angle, -1, 0),
+                          strict=True))  # fmt: skip
+        parts.append(binned(run, _stack(joints | found, names)))
+    return np.concatenate(parts, -1)
+
+
+def _stack(channels: Channels, names: tuple[str, ...]) -> np.ndarray:
+    """Channels [..., C, N]; where the robot headed at first is nobody's business."""
+    series = [channels[name] for name in names]
+    if "orientation.yaw" in names:
+        k = names.index("orientation.yaw")
+        series[k] = series[k] - series[k].mean(-1, keepdims=True)
+    return np.stack(series, -2)
+
+
+def observe(standing: Standing) -> Observed:
+    """Put logs and ensemble into vectors."""
+    joints = joint_names(standing.model)
+    first = standing.ensembles[0].rows[0]
+    known = simulated(standing.model, first, standing.runs[0].time[:2] * 0.0)
+    shared = [
+        name for name in known if all(name in logged for logged in standing.channels)
+    ]
+    names = (*joints, *shared)
+    measured, noise = [], []
+    for run, logged in zip(standing.runs, standing.channels, strict=True):
+        angle = dict(zip(joints, run.angle.T, strict=True))
+        series = _stack(angle | logged, names)
+        measured.append(binned(run, series))
+        rough = np.diff(series, 3, axis=-1) / np.sqrt(20.0)
+        count = series.shape[-1] / measured[-1].shape[-1]
+        noise.append(np.mean(np.square(rough), -1) / count)
+    parts = []
+    for one in standing.ensembles:
+        zero = np.stack([robot.zero for robot in one.robots])
+        seen = vector(standing, names, one.rows, zero)
+        parts.append(seen[1:] - seen[0])
+    drawn = np.concatenate(parts)
+    scatter = np.moveaxis(drawn, 0, -1) / np.sqrt(len(drawn))
+    reading = np.mean(noise, 0)
+    missed = _missed(drawn, reading)
+    own = _own(standing, len(names))
+    whole = np.concatenate([scatter, _biases(names, scatter.shape[1]), own], -1)
+    return Observed(
+        names, np.concatenate(measured, -1), whole, np.sqrt(reading + missed)
+    )
+
+
+def _biases(names: tuple[str, ...], bins: int) -> np.ndarray:
+    """Constant errors of inertial sensors [C, B, K], one standard deviation each."""
+    chosen = [
+        (k, BIASES[name.partition(".")[0]])
+        for k, name in enumerate(names) if name.partition(".")[0] in BIASES
+    ]  # fmt: skip
+    out = np.zeros((len(names), bins, len(chosen)))
+    for column, (k, size) in enumerate(chosen):
+        out[k, :, column] = size
+    return out
+
+
+def _own(standing: Standing, count: int) -> np.ndarray:
+    """What tolerances of a joint do to itself alone [C, B, 3 J], to first order.
+
+    The zero of its encoder; its gain, as a share of the error it follows with; its
+    damping and delay, as a time.
+    """
+    parts = []
+    for run, row in zip(standing.runs, standing.ensembles[0].rows, strict=True):
+        stamps, first = run.time - run.time[0], row.angle[:1]
+        rows = np.concatenate([first, row.command[None] - first, row.velocity[:1]])
+        seen = row.at(stamps, rows)
+        series = np.stack(
+            [ZERO + 0.0 * seen[0], RELATIVE["kp"] * seen[1], TIME * seen[2]], -1
+        )
+        parts.append(binned(run, np.moveaxis(series, 0, -1)))
+    whole = np.concatenate(parts, -1)  # [J, 3, B]
+    joints = len(whole)
+    out = np.zeros((count, whole.shape[-1], joints, 3))
+    index = np.arange(joints)
+    out[index, :, index] = np.swapaxes(whole, 1, 2)
+    return out.reshape(count, whole.shape[-1], -1)
+
+
+def _missed(drawn: np.ndarray, reading: np.ndarray) -> np.ndarray:
+    """Mean square [C] of what all other draws do not explain of one."""
+    count = len(drawn)
+    flat = (drawn / np.sqrt(reading)[:, None]).reshape(count, -1)
+    inner = flat @ flat.T
+    mix = np.empty((count, count))
+    for k in range(count):
+        others = np.arange(count) != k
+        normal = inner[np.ix_(others, others)] + count * np.eye(count - 1)
+        mix[k] = 0.0
+        mix[k, others] = np.linalg.solve(normal, inner[others, k])
+    left = drawn - np.einsum("kd,dcb->kcb", mix, drawn)
+    return np.square(left).mean((0, 2))
+
+
+def weighed(seen: Observed, predicted: np.ndarray) -> Weighed:
+    """Evidence of a prediction [C, B], its tolerances adjusted.
+
+    The size of each channel's noise is found along with the tolerances, so that one
+    channel that is wrong by itself does not bend the others.
+    """
+    rest = seen.measured - predicted
+    count, bins = rest.shape
+    flat = seen.scatter.reshape(count * bins, -1)
+    level, left, spare = np.ones(count), rest, 0.0
+    for _ in range(ROUNDS):
+        weight = np.repeat(1.0 / np.square(seen.noise * level), bins)
+        normal = (flat * weight[:, None]).T @ flat + np.eye(flat.shape[1])
+        used = np.linalg.solve(normal, (flat * weight[:, None]).T @ rest.ravel())
+        left = rest - (flat @ used).reshape(rest.shape)
+        level = np.sqrt(np.mean(np.square(left), -1)) / seen.noise
+        level, spare = np.maximum(level, FLOOR), float(used @ used)
+    evidence = -bins * float(np.log(level).sum()) - 0.5 * spare
+    return Weighed(evidence, level, rest)

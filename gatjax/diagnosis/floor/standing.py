@@ -1,0 +1,162 @@
+"""A standing robot made ready: an ensemble of full simulations, and joint loads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from gatjax.data.trajectories import JointRun
+from gatjax.diagnosis.fit import Fit
+from gatjax.diagnosis.floor import pushes, tolerances, weights
+from gatjax.diagnosis.floor.channels import Channels
+from gatjax.diagnosis.floor.played import Rows, replayed, world_of
+from gatjax.diagnosis.floor.tolerances import Draw
+from gatjax.diagnosis.floor.weights import Trace
+from gatjax.diagnosis.hypotheses import numbers
+from gatjax.diagnosis.joint import STEP, Joint, noise_of
+from gatjax.diagnosis.loads import COARSE, Loads, Tree
+from gatjax.diagnosis.motion import FINE, Motion, grid_time, smoothed
+from gatjax.sim.world import World
+
+SMOOTHED = 0.15  # of the noise variance: what smoothing leaves of it
+FOLLOWED = 2  # rounds until a traced joint moves as its fit does
+
+
+class Ensemble(NamedTuple):
+    """Robots within their tolerances, the nominal one first, at one time step."""
+
+    world: World
+    robots: list[Draw]  # S
+    rows: list[Rows]  # of each run, S worlds
+
+
+class Standing(NamedTuple):
+    """What is known of a standing robot before any cause is weighed."""
+
+    model: mujoco.MjModel
+    tree: Tree
+    runs: list[JointRun]
+    channels: list[Channels]  # of each run
+    ensembles: list[Ensemble]
+
+
+def prepare(
+    model: mujoco.MjModel,
+    runs: list[JointRun],
+    channels: list[Channels],
+    period: float,
+    tell: Callable[[str, float], None],
+    seed: int = 0,
+) -> Standing:
+    """Simulate robots within their tolerances along the commands of the runs.
+
+    Args:
+        model: with position servos, its base floating.
+        runs: trajectories of all actuated joints.
+        channels: what else was logged (`channels.cut`), one set for each run.
+        period: control period of the logs, s.
+        tell: is called with a stage and the share of it that is done.
+        seed: of the draws.
+    """
+    found = []
+    for number, step in enumerate(tolerances.STEPS):
+        tell("floor", number / len(tolerances.STEPS))
+        world = tolerances.timed(world_of(model, period, step))
+        count = tolerances.DRAWS // len(tolerances.STEPS)
+        robots = tolerances.draws(model, count, seed + number)
+        values = [tolerances.values_of(world, robot) for robot in robots]
+        zero = np.stack([robot.zero for robot in robots])
+        found.append(Ensemble(world, robots, replayed(world, runs, values, -zero)))
+    tree = Tree(model, model.actuator_trnid[:, 0])
+    return Standing(model, tree, runs, channels, found)
+
+
+def weigh(
+    standing: Standing, known: list[Joint] | None = None, fits: list[Fit] | None = None
+) -> tuple[list[Motion], list[Loads]]:
+    """Motions and loads of all runs for the single-joint engine.
+
+    Args:
+        standing: the robot.
+        known: joints as the engine simulates them, on loads found before.
+        fits: what is known about each; joints with a hypothesis are made to move as
+            they say, and what they leave counts as unexplained by them.
+
+    Returns:
+        One motion and one load for each run, for `gatjax.diagnosis.joint.build`.
+    """
+    time = grid_time(standing.runs, STEP)[::FINE]
+    followed = _followed(known or [], fits or [])
+    motions, loads = [], []
+    for number, run in enumerate(standing.runs):
+        wanted = {k: angle[:, number] for k, (angle, _) in followed.items()}
+        trace = _traced(standing.tree, run, time, wanted)
+        stamps = run.time - run.time[0]
+        seen = [np.interp(stamps, time, q) for q in trace.motion.position.T]
+        for joint, (_, readings) in followed.items():
+            seen[joint] = readings[number, : len(stamps)]
+        left = smoothed(run, run.angle - np.stack(seen, -1), time[::COARSE]).position
+        answers = [moment.answer for moment in trace.moments]
+        felt = pushes.felt(answers, left, scatter(standing, number))
+        motions.append(trace.motion)
+        loads.append(_loads(standing, number, trace, felt))
+    return motions, loads
+
+
+def _followed(
+    known: list[Joint], fits: list[Fit]
+) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """Angle [M, R] and readings [R, N] rad of joints that have a hypothesis."""
+    out = {}
+    for joint, fit in zip(known, fits, strict=True):
+        if fit.hypothesis is not None:
+            drive = numbers(joint, fit.hypothesis, fit.x)
+            outcome = joint.outcome([drive], fit.hypothesis.geared)
+            angle = np.asarray(outcome.angle)[::FINE, :, 0]
+            out[joint.index] = angle, np.asarray(outcome.readings)[..., 0]
+    return out
+
+
+def _traced(
+    tree: Tree, run: JointRun, time: np.ndarray, wanted: dict[int, np.ndarray]
+) -> Trace:
+    """A trace whose joints in `wanted` move along angles [M] rad."""
+    trace = weights.trace(tree, run, time)
+    if not wanted:
+        return trace
+    added = np.zeros_like(trace.motion.position)
+    gain = tree.model.actuator_gainprm[:, 0]
+    for _ in range(FOLLOWED):
+        for joint, angle in wanted.items():
+            stiff = 1.0 + np.maximum(trace.load.slope[:, joint], 0.0) / gain[joint]
+            added[:, joint] += stiff * (angle - trace.motion.position[:, joint])
+        trace = weights.trace(tree, run, time, added)
+    return trace
+
+
+def scatter(standing: Standing, run: int) -> np.ndarray:
+    """Covariance [J, J] rad^2 of joint angles within tolerances and smoothed noise."""
+    parts = []
+    for ensemble in standing.ensembles:
+        change = ensemble.rows[run].angle[1:] - ensemble.rows[run].angle[:1]
+        parts.append(change - change.mean(1, keepdims=True))
+    flat = np.concatenate(parts).reshape(-1, parts[0].shape[-1])
+    noise = np.square(noise_of(standing.runs[run]))
+    return flat.T @ flat / len(flat) + SMOOTHED * np.diag(noise)
+
+
+def _loads(standing: Standing, run: int, trace: Trace, felt: np.ndarray) -> Loads:
+    """Nominal loads with the pushes felt, and how they change."""
+    time = trace.motion.time
+    pushed = [np.interp(time, time[::COARSE], series) for series in felt.T]
+    load = trace.load._replace(rest=trace.load.rest + np.stack(pushed, -1))
+    drawn = [
+        weights.drawn(one.rows[run], trace, one.robots, standing.tree)
+        for one in standing.ensembles
+    ]
+    rest = np.concatenate(drawn, -1)
+    bodies, tilt = weights.bodies(standing.tree, trace.moments)
+    return Loads(load, (rest, np.zeros_like(rest)), bodies, tilt)

@@ -1,0 +1,145 @@
+"""The single-joint plants against closed forms and a plain reference integration."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from gatjax.diagnosis import laws, plant
+from gatjax.diagnosis.joint import Joint
+
+STEP, LEAD, COUNT = 1e-3, 400, 3000
+NOMINAL = {
+    "kp": 20.0, "kv": 0.25, "limit": 5.0, "damping": 0.5, "friction": 0.0,
+    "armature": 0.012, "delay": 0.0, "creep": 0.06, "give": 3e-4, "rate": 1e3,
+    "speed": 1e6, "scale": 1.0, "cooling": 20.0, "stiffness": 1e3,
+}  # fmt: skip
+
+
+def joint(target, rest=0.0, inertia=0.018):
+    """A joint that follows target(t), with a constant load."""
+    time = (np.arange(COUNT) - LEAD) * STEP
+    series = jnp.asarray(np.vectorize(target)(time)[:, None], jnp.float32)
+    flat = jnp.ones_like(series)
+    empty = jnp.zeros((COUNT, 1, 1), jnp.float32)
+    grid = laws.Grid(
+        target=series, path=0.0 * flat, rest=rest * flat, slope=0.0 * flat,
+        inertia=inertia * flat, rest_terms=empty, inertia_terms=empty,
+        supply=flat, clock=jnp.asarray(time[:, None], jnp.float32),
+    )  # fmt: skip
+    stamps = np.arange(0.0, 2.5, 0.01)[None]
+    return Joint(
+        "elbow", 0, NOMINAL, grid, LEAD, stamps, np.zeros_like(stamps),
+        np.ones(stamps.shape, bool), 7e-4,
+    )  # fmt: skip
+
+
+def step_up(t):
+    return 0.3 if t >= 0.1 else 0.0
+
+
+def wave(t):
+    return 0.4 * np.sin(2 * np.pi * 1.0 * max(t, 0.0))
+
+
+def seen(one, geared=False, **drive):
+    return one.simulate([drive], geared)[0, :, 0]
+
+
+def test_a_loaded_servo_rests_where_its_spring_carries_the_load():
+    angle = seen(joint(lambda t: 0.0, rest=1.0))
+    assert angle[-1] == pytest.approx(-1.0 / NOMINAL["kp"], abs=1e-4)
+
+
+def test_a_step_is_the_answer_of_a_damped_oscillator():
+    angle = seen(joint(step_up), limit=50.0)
+    q, v, h, out = 0.0, 0.0, 1e-5, []
+    total, resist = 0.018 + 0.012, 0.25 + 0.5
+    for k in range(250_000):
+        if k % 1000 == 0:
+            out.append(q)
+        v += h * (20.0 * (step_up(k * h) - q) - resist * v) / total
+        q += h * v
+    assert np.max(np.abs(angle - np.array(out[:250]))) < 5e-4  # 1 ms steps, 0.3 rad
+
+
+def test_dry_friction_holds_a_load_below_its_level():
+    drive = {"friction": 0.6, "kp": 1e-6}
+    angle = seen(joint(lambda t: 0.0, rest=0.5), **drive)
+    assert np.max(np.abs(angle)) < 6e-4  # yields like a spring, does not creep
+    assert abs(angle[-1] - angle[len(angle) // 2]) < 1e-6
+    slid = seen(joint(lambda t: 0.0, rest=0.7), **drive)
+    assert slid[-1] < -0.05
+
+
+def test_a_delay_shifts_the_answer_and_a_late_reading_looks_the_same():
+    one = joint(wave)
+    plain = seen(one)
+    delayed, late = seen(one, delay=0.03), seen(one, late=0.03)
+    assert np.max(np.abs(delayed[3:] - plain[:-3])) < 1e-3
+    assert np.max(np.abs(delayed - late)) < 1e-3
+
+
+def test_a_torque_limit_bounds_the_acceleration():
+    angle = seen(joint(step_up), limit=0.5)
+    # From 0.1 s on the motor gives 0.5 N m: q'' <= 0.5 / 0.03.
+    early = np.arange(0.0, 0.05, 0.01)
+    assert np.all(angle[10:15] <= 0.5 * (0.5 / 0.03) * early**2 + 2e-3)
+    assert angle[14] > 0.3 * 0.5 * (0.5 / 0.03) * 0.04**2
+
+
+def test_a_dead_band_leaves_the_joint_anywhere_inside():
+    angle = seen(joint(step_up), dead=0.05)
+    assert abs(0.3 - angle[-1]) < 0.051
+    assert abs(0.3 - angle[-1]) > 0.005  # not driven to the target
+
+
+def test_a_stiff_gear_without_play_moves_like_a_rigid_one():
+    one = joint(wave)
+    stiff = seen(one, geared=True, stiffness=5e4, sensed=1.0)
+    assert np.max(np.abs(stiff - seen(one))) < 1.5e-3
+
+
+def test_play_shows_between_motor_and_link_and_is_as_wide_as_it_says():
+    one = joint(wave, rest=0.0)
+    drive = {"width": 0.05, "stiffness": 2e3}
+    link = seen(one, geared=True, sensed=0.0, **drive)
+    motor = seen(one, geared=True, sensed=1.0, **drive)
+    assert 0.02 < np.max(np.abs(link - motor)) < 0.2
+    assert np.max(np.abs(motor - seen(one))) < np.max(np.abs(link - seen(one))) + 0.05
+
+
+def test_heat_takes_gain_away_and_is_told():
+    one = joint(lambda t: 0.0, rest=1.5)
+    cool = one.outcome([{}], False)
+    assert float(cool.heat[0, 0]) > 0.05
+    share = 0.5 / float(cool.heat[0, 0])
+    sag = seen(one, heat=share)[-1] - seen(one)[-1]
+    # Half of the gain is gone at the end: the load pulls the joint down twice as far.
+    assert sag == pytest.approx(-1.5 / NOMINAL["kp"], rel=0.15)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        {"lag": 0.03}, {"quantum": 0.05}, {"rate": 1.0}, {"speed": 2.0},
+        {"stiction": 0.5}, {"loaded": 0.5}, {"asymmetric": 0.4}, {"ripple_sin": 0.3,
+        "cycles": 8.0}, {"zero_in": 0.05}, {"zero_out": 0.05}, {"scale": 1.05},
+        {"sag": 0.4}, {"drag": 0.4}, {"spring": 2.0}, {"bias": 0.5},
+        {"wave_sin": 0.4, "frequency": 9.0}, {"integral": 5.0}, {"drift": 0.01},
+    ],
+)  # fmt: skip
+def test_every_law_moves_the_reading_and_its_neutral_value_does_not(law):
+    one = joint(wave, rest=0.8)
+    plain = seen(one)
+    assert np.max(np.abs(seen(one, **law) - plain)) > 3e-3 or "zero_in" in law
+    neutral = {key: NOMINAL.get(key, 0.0) for key in law}
+    assert np.array_equal(seen(one, **neutral), plain)
+
+
+def test_friction_of_one_direction_acts_in_that_direction_only():
+    one = joint(wave)
+    error = seen(one, asymmetric=0.8) - seen(one)
+    speed = np.gradient(seen(one))
+    fast = np.abs(speed) > 0.5 * np.abs(speed).max()
+    assert np.mean(error[fast & (speed > 0)]) < -0.01
+    assert abs(np.mean(error[fast & (speed < 0)])) < 0.005
