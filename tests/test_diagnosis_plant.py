@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gatjax.diagnosis import laws, plant
+from gatjax.diagnosis import laws
 from gatjax.diagnosis.joint import Joint
 
 STEP, LEAD, COUNT = 1e-3, 400, 3000

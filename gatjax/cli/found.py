@@ -46,7 +46,7 @@ def gain_lines(gain: Mapping[str, Any] | None) -> list[str]:
     lines = [
         f"gain       held-out error {_degrees(before)} -> {_degrees(after)} deg rms, "
         f"{abs(share):.0%} {'less' if share >= 0.0 else 'more'} "
-        f"(90 % interval of the gain: {gain['low']:.0%} to {gain['high']:.0%})"
+        f"(95 % interval of the gain: {gain['low']:.0%} to {gain['high']:.0%})"
     ]
     learned = gain.get("learned_ceiling")
     if learned is not None:

@@ -181,7 +181,7 @@ def _thermal() -> Hypothesis:
 
 
 def _torque_speed() -> Hypothesis:
-    """Torque-speed line; the catalogue's limit is the speed reached against friction."""
+    """Torque-speed line; the catalogue's limit is the speed that friction allows."""
     base = _positive("speed_limit", "limit", "speed", 0.3, 30.0, (1.2, 2.5, 5.0, 10.0))
 
     def values(joint: Joint, x: np.ndarray) -> Numbers:
@@ -243,7 +243,9 @@ CAUSES: tuple[Hypothesis, ...] = (
         "command_delay", "delay", "delay", 0.002, 0.2, (0.006, 0.02, 0.06), added=True
     ),
     _positive("measurement_delay", "delay", "late", 0.002, 0.2, (0.006, 0.02, 0.06)),
-    _positive("first_order_lag", "time_constant", "lag", 0.002, 0.5, (0.006, 0.02, 0.06)),
+    _positive(
+        "first_order_lag", "time_constant", "lag", 0.002, 0.5, (0.006, 0.02, 0.06)
+    ),
     _factor("gain_error", "kp", 0.05, 5.0, (0.4, 0.7, 1.4, 2.0)),
     _factor("damping_error", "kv", 0.02, 60.0, (0.3, 2.0, 6.0, 20.0)),
     _factor("torque_limit", "limit", 0.02, 0.97, (0.7, 0.45, 0.25, 0.1)),
@@ -271,12 +273,22 @@ CAUSES: tuple[Hypothesis, ...] = (
     _variant(_SPRING, "encoder on motor", {"sensed": 1.0}, {"encoder_on_motor": 1.0}),
     _wave("torque_ripple", "", ("ripple_sin", "ripple_cos", "cycles"), _CYCLES),
     _signed("asymmetric_friction", "", "asymmetric", "torque", 0.12, 1.0, _limit),
-    _signed("encoder_offset", "in loop", "zero_in", "offset", 0.06, 0.6, values={"in_loop": 1.0}),
-    _signed("encoder_offset", "log only", "zero_out", "offset", 0.06, 0.6, values={"in_loop": 0.0}),
+    _signed(
+        "encoder_offset", "in loop", "zero_in", "offset", 0.06, 0.6,
+        values={"in_loop": 1.0},
+    ),
+    _signed(
+        "encoder_offset", "log only", "zero_out", "offset", 0.06, 0.6,
+        values={"in_loop": 0.0},
+    ),
     _signed("encoder_scale", "", "scale", "scale", 0.08, 0.4, neutral=1.0),
-    _positive("payload", "mass", f"term{TERMS}", 0.01, 20.0, (0.05, 0.2, 0.6, 1.5, 4.0)),
+    _positive(
+        "payload", "mass", f"term{TERMS}", 0.01, 10.0, (0.05, 0.2, 0.6, 1.5, 4.0)
+    ),
     _vector("com_shift", TERMS + 1, ("x", "y", "z"), "distance", 0.02, 0.17),
-    _positive("armature", "inertia", "armature", 0.1, 40.0, (0.5, 1.5, 5.0), _armature, True),
+    _positive(
+        "armature", "inertia", "armature", 0.1, 40.0, (0.5, 1.5, 5.0), _armature, True
+    ),
     _tilt(),
     _thermal(),
     _signed("clock_drift", "", "drift", "drift", 0.0015, 0.02),
@@ -290,4 +302,4 @@ OTHERS: tuple[Hypothesis, ...] = (
     _wave("", "periodic torque", ("wave_sin", "wave_cos", "frequency"), _FREQUENCIES),
     _signed("", "integral action", "integral", "rate", 3.0, 50.0),
 )
-"""Laws without an entry in the catalogue; when one of them wins, the cause is unknown."""
+"""Laws without an entry in the catalogue: when one wins, the cause is unknown."""

@@ -13,7 +13,7 @@ from pyarrow import parquet
 
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import JointRun, to_arrays
-from gatjax.diagnosis import experiment, extend, measure, result
+from gatjax.diagnosis import experiment, extend, measure, result, sensitivity
 from gatjax.diagnosis.case import prepare
 from gatjax.diagnosis.measure import Errors
 from gatjax.diagnosis.verdict import Verdict, decide
@@ -97,6 +97,7 @@ def diagnose(
         "calibration": result.calibration_rows(verdict),
         "candidates": result.candidates(verdict),
         "not_expressible": lacking,
+        "smallest_effects": sensitivity.smallest(verdict.judge),
         "next_experiment": experiment.propose(verdict, source, period, seed),
         "seconds": round(time.monotonic() - began, 1),
     }

@@ -25,10 +25,9 @@ def leading(verdict: Verdict) -> list[Claim]:
     """The two explanations to separate: the first cause and its best other rival."""
     if verdict.causes:
         first = verdict.causes[0]
-        rivals = [claim for claim, _ in first.rivals]
-        claims = [first.claim, *rivals]
+        claims = [first.claim, *(claim for claim, _ in first.rivals)]
     else:
-        claims = list(verdict.last)
+        claims = [claim for claim in verdict.last if claim.gain > 0.0]
     named = [claim for claim in claims if claim.hypothesis.cause]
     if not named:
         return []
@@ -76,9 +75,9 @@ def propose(
         "joints": [n for n, m in zip(limbs.names, moving, strict=True) if m],
         "separation": round(separation, 2),
         "why": (
-            f"{MENU[chosen].title}: the predictions of {names[0]} and {names[1]} differ "
-            f"by {separation:.1f} times the reading noise there, the most of all safe "
-            f"motions"
+            f"{MENU[chosen].title}: the predictions of {names[0]} and {names[1]} "
+            f"differ by {separation:.1f} times the reading noise there, the most of "
+            f"all safe motions"
         ),
     }
 

@@ -1,4 +1,4 @@
-"""From a verdict to a World: the named causes, and the tolerances fitted beside them."""
+"""From a verdict to a World: its causes, and the tolerances fitted beside them."""
 
 from __future__ import annotations
 
@@ -84,6 +84,8 @@ def calibration(verdict: Verdict) -> list[Row]:
     """Corrections of nominal numbers within their tolerances, as rows of a world."""
     rows: list[Row] = []
     for joint, fit in zip(verdict.judge.joints, verdict.judge.known, strict=True):
+        if joint.index in verdict.unexplained:
+            continue  # its tolerances imitate what is not known
         x = dict(zip(TOLERANCES, fit.x[:COUNT], strict=True))
         drive = joint.nominal | numbers(joint, None, fit.x[:COUNT])
         more = {name: drive[name] - joint.nominal[name] for name in RELATIVE}

@@ -85,15 +85,20 @@ def start(joint: Joint, points: Sequence[Point]) -> list[Fit]:
     return fits
 
 
+def independent(joint: Joint) -> float:
+    """Number of independent residuals in the runs of a joint."""
+    period = np.diff(joint.time, axis=1)[joint.valid[:, 1:]].mean()
+    return float(joint.valid.sum() * period / CORRELATED)
+
+
 def evidence(joint: Joint, fit: Fit) -> float:
     """Log evidence of a fit in nats, up to a constant of the joint.
 
     The misfit is noise of unknown size, independent every CORRELATED seconds (the size
-    integrated out, Bretthorst 1988, eq. 3.17): a fit gains by the ratio of residuals, so
-    a small modelling error beside a large effect does not look certain.
+    integrated out, Bretthorst 1988, eq. 3.17): a fit gains by the ratio of residuals,
+    so a small modelling error beside a large effect does not look certain.
     """
-    period = np.diff(joint.time, axis=1)[joint.valid[:, 1:]].mean()
-    count = joint.valid.sum() * period / CORRELATED
+    count = independent(joint)
     level = max(fit.rms() / joint.noise, FLOOR)
     spare = fit.x[:COUNT] @ fit.x[:COUNT]
     return float(-count * np.log(level) - 0.5 * spare)

@@ -1,4 +1,4 @@
-"""A joint as the diagnosis simulates it: its numbers, its loads and what was measured."""
+"""A joint as the diagnosis simulates it: its numbers, loads and measurements."""
 
 from __future__ import annotations
 
@@ -83,7 +83,8 @@ def nominal_drive(model: mujoco.MjModel, tree: weights.Tree, index: int) -> dict
         "damping": float(np.square(moves) @ model.dof_damping),
         "friction": float(np.abs(moves) @ model.dof_frictionloss),
         "armature": float(np.square(moves) @ model.dof_armature),
-        "delay": TRANSPORT, "creep": CREEP, "give": GIVE, "rate": 1e3, "speed": 1e6, "scale": 1.0,
+        "delay": TRANSPORT, "creep": CREEP, "give": GIVE, "rate": 1e3,
+        "speed": 1e6, "scale": 1.0,
         "cooling": 20.0, "stiffness": 1e3,
     }  # fmt: skip
 
@@ -131,7 +132,7 @@ def build(
     moved: list[motions.Motion],
     loads: list[weights.Loads],
 ) -> list[Joint]:
-    """Put the joints of a model on the simulations' grid, all runs padded to one length."""
+    """Put the joints of a model on the simulations' grid, runs padded to one length."""
     time = motions.grid_time(runs, STEP)
     lead = int(np.sum(time < -0.5 * STEP))
     rows = max(len(run.time) for run in runs)
@@ -166,7 +167,9 @@ def build(
         ]
         inertia = [l.nominal.inertia[:, index] - drive["armature"] for l in loads]
         grid = laws.Grid(
-            target=jnp.asarray(np.stack([t[:, index] for t in targets], 1), jnp.float32),
+            target=jnp.asarray(
+                np.stack([t[:, index] for t in targets], 1), jnp.float32
+            ),
             path=series([m.position[:, index] for m in moved], moved[0].time),
             rest=series([l.nominal.rest[:, index] for l in loads], moved[0].time),
             slope=series([l.nominal.slope[:, index] for l in loads], moved[0].time),

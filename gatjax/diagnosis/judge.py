@@ -29,7 +29,7 @@ from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined, pinned
 from gatjax.diagnosis.joint import Joint
 
 THREADS = os.cpu_count() or 1
-NOISY = 1.7  # times the reading noise that the best cause leaves: only then commands may have been lost
+NOISY = 1.7  # times the noise that the best cause leaves: commands may be lost
 MOST = 4  # shared causes that are looked into
 BODIES = 2  # bodies that are looked into closely
 CHANGED = 3.0  # nats: a joint whose evidence changed less keeps its fits
@@ -91,9 +91,10 @@ class Judge:
         return fits.evidence(joint or self.joints[index], fit) - self._evidence(index)
 
     def visibility(self, claim: Claim) -> float:
-        """RMS change that a claim causes over what tolerances do; largest of its joints.
+        """Visibility d of a claim: its RMS change over the scatter from tolerances.
 
-        The definition of d in docs/diagnosis.md: the cause alone on the nominal model.
+        The definition of d in docs/diagnosis.md: the cause alone on the nominal model;
+        the largest of its joints counts.
         """
         largest = 0.0
         for index in claim.fits:
@@ -240,7 +241,8 @@ class Judge:
                 for k in range(len(self.joints))}  # fmt: skip
         hot = {
             c.where[0] for c in single
-            if c.hypothesis.cause in BODY and c.gain > max(WORTH, RIVAL * best[c.where[0]])
+            if c.hypothesis.cause in BODY
+            and c.gain > max(WORTH, RIVAL * best[c.where[0]])
         }  # fmt: skip
         bodies = {b for index in hot for b in self.case.moved_by(index)}
         hypotheses = [h for h in CAUSES if h.cause in BODY]
@@ -253,8 +255,11 @@ class Judge:
         bearers = [k for k in range(len(self.joints)) if body in self.case.moved_by(k)]
         joints = {k: self.case.carrying(k, body) for k in bearers}
         free = dict(
-            zip(bearers, mapped(lambda k: self._free(k, joints[k], hypotheses, 4), bearers),
-                strict=True)
+            zip(
+                bearers,
+                mapped(lambda k: self._free(k, joints[k], hypotheses, 4), bearers),
+                strict=True,
+            )
         )  # fmt: skip
         gains = [
             sum(self.score(k, free[k][n], joints[k]) for k in bearers)

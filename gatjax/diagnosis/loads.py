@@ -63,7 +63,7 @@ class Tree:
             data.qpos[address] = np.polyval(ratio[::-1], position[column])
 
     def loads(self, model: mujoco.MjModel, motion: Motion, rows: np.ndarray) -> Load:
-        """Loads of all joints at some rows of a motion, for any variant of the model."""
+        """Loads of all joints at some rows of a motion, for a variant of the model."""
         data, joints = mujoco.MjData(model), self.moves.shape[1]
         dense = np.zeros((model.nv, model.nv))
         rest, inertia = np.empty((len(rows), joints)), np.empty((len(rows), joints))

@@ -131,7 +131,7 @@ def _rolled(
             return jnp.concatenate([following[None], history[:-1]]), following
 
         steps = jnp.arange(warm - 1, actions.shape[0] - 1)
-        stack = actions[steps[:, None] - jnp.arange(HISTORY + 1)]
+        stack = actions[steps[:, None] - jnp.arange(HISTORY + 1)[None]]
         return jax.lax.scan(step, angles, stack)[1]
 
     first = jnp.asarray(past[:, order], jnp.float32)

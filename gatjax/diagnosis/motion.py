@@ -15,7 +15,7 @@ FINE = 5  # simulation steps between two points of a motion
 
 
 class Motion(NamedTuple):
-    """Joint motion of one run on an even grid: [M] s, then [M, J] rad, rad/s, rad/s^2."""
+    """Motion of one run on an even grid: [M] s, then [M, J] rad, rad/s, rad/s^2."""
 
     time: np.ndarray
     position: np.ndarray

@@ -179,7 +179,7 @@ def _read(p: Drive, seen: Array, time: Array, lead: int, h: float) -> Array:
 
 
 class Outcome(NamedTuple):
-    """Of S simulations: readings [R, N, S] rad, angle [K, R, S] rad, last heat [R, S]."""
+    """Of S simulations: readings [R, N, S] and angle [K, R, S] rad, heat [R, S]."""
 
     readings: Array
     angle: Array

@@ -72,10 +72,13 @@ def candidates(verdict: Verdict) -> list[dict[str, Any]]:
         for claim, probability in everything[:SHOWN]:
             rows.append(_candidate(verdict, claim, probability) | {"step": number})
     if verdict.law is not None:
-        rows.append(_candidate(verdict, verdict.law, 0.0) | {"step": len(rows) + 1})
+        rows.append(
+            _candidate(verdict, verdict.law, 0.0) | {"step": len(verdict.causes) + 1}
+        )
     rows += [
         _candidate(verdict, claim, 0.0) | {"step": len(verdict.causes) + 1}
         for claim in verdict.last[:SHOWN]
+        if not verdict.causes
     ]
     return rows
 

@@ -12,6 +12,7 @@ from gatjax.diagnosis.joint import Joint
 STARTS = 2  # of each hypothesis that are refined
 KEPT = (40, 12, 6, 4)  # hypotheses after each round
 ROUNDS = (1, 2, 3, 5)  # iterations in each round
+RIVALS = 8  # fits that are returned; those that were dropped are not at their best
 BEHIND = 40.0  # nats behind the best: dropped
 PROMISING = 2.0  # nats: less is nothing
 SHAKEN, TRIES = 2, 96  # fits that are restarted, and from how many neighbours
@@ -107,12 +108,17 @@ def explain(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
     known = fits.evidence(joint, base)
     if _unsuspicious(joint, base, [fits.evidence(joint, f) - known for f in found]):
         return _best(found, KEPT[-1])
+    dropped: list[Fit] = []
     for kept, rounds in zip(KEPT, ROUNDS, strict=True):
+        dropped += _best(found, len(found))[kept:]
         found = fits.improve(joint, _best(found, kept), rounds)
         gains = [fits.evidence(joint, fit) - known for fit in found]
         least = max(gains) - max(BEHIND, 0.6 * max(gains))
-        found = [f for f, gain in zip(found, gains, strict=True) if gain > least]
-    return _best(_shaken(joint, _best(found, len(found))), len(found))
+        near = [gain > least for gain in gains]
+        dropped += [f for f, kept_on in zip(found, near, strict=True) if not kept_on]
+        found = [f for f, kept_on in zip(found, near, strict=True) if kept_on]
+    found = _shaken(joint, _best(found, len(found)))
+    return _best(found + dropped, RIVALS)
 
 
 def _shaken(joint: Joint, found: list[Fit]) -> list[Fit]:

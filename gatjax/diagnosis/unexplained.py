@@ -1,9 +1,9 @@
 """What a misfit without a name depends on, and a term that could stand for it.
 
 The misfit of a joint is turned into a torque by the linear servo (I r'' + D r' + kp r),
-and regressed on what the torque could depend on. Shares are measured on seconds that the
-regression has not seen; the term is a forward selection (a sparse regression, Efroymson
-1960) that stops when unseen seconds no longer gain.
+and regressed on what the torque could depend on. Shares are measured on seconds that
+the regression has not seen; the term is a forward selection (a sparse regression,
+Efroymson 1960) that stops when unseen seconds no longer gain.
 """
 
 from __future__ import annotations

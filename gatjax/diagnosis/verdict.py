@@ -15,6 +15,7 @@ from gatjax.diagnosis.judge import Judge
 MOST_CAUSES = 3
 TEMPER = 0.5  # of the log evidence, so that probabilities are calibrated
 CERTAIN = 0.8  # probability from which a cause is named
+LIKELY = 0.5  # probability that a further cause needs to be told at all
 CLOSE = 3.0  # nats: two causes that the data cannot tell apart
 MARGIN = 10.0  # nats by which two named causes must beat an unnamed law
 TOLERABLE = 2.2  # times the reading noise: an explanation may leave that much
@@ -68,7 +69,10 @@ def decide(case: Case, tell: Callable[[str, float], None]) -> Verdict:
                 law = best if not best.hypothesis.cause else None
                 break
             best = named
-        causes.append(_weighed(judge, best, claims))
+        cause = _weighed(judge, best, claims)
+        if causes and cause.probability < LIKELY:
+            break
+        causes.append(cause)
         judge.accept(best)
         claims = [claim for claim in judge.claims() if not _again(claim, causes)]
     left = [k for k in range(len(judge.joints)) if not adequate(judge, case, k)]
@@ -94,7 +98,7 @@ def worth_naming(judge: Judge, case: Case, claim: Claim) -> bool:
 
 
 def explained(judge: Judge, claim: Claim) -> float:
-    """Share of the misfit power beyond the noise that a claim explains at its joints."""
+    """Share of the misfit power beyond noise that a claim explains at its joints."""
     before = after = 0.0
     for index, fit in claim.fits.items():
         joint = judge.joints[index]

@@ -1,9 +1,9 @@
 """Causes that only a robot with an inertial unit, or feet on the ground, can show.
 
 What separates them: `imu_misalignment` turns what the inertial unit says (gyro,
-accelerometer, roll and pitch alike, a constant rotation) and leaves joints and forces as
-they are. `gravity_tilt` leans the robot: roll and pitch change about as much, but the
-load moves between the feet and between toe and heel, and joints sag otherwise.
+accelerometer, roll and pitch alike, a constant rotation) and leaves joints and forces
+as they are. `gravity_tilt` leans the robot: roll and pitch change about as much, but
+the load moves between the feet and between toe and heel, and joints sag otherwise.
 `sole_geometry` leans it too, by a corner that does not touch, so single force sensors
 go silent. `ground_friction` shows where feet slip (heading, hips against ankles),
 `ground_compliance` in the accelerations and forces of steps.

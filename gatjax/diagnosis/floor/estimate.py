@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from gatjax.diagnosis.floor.observed import Observed, Weighed, weighed
 
-FINE = 24  # values between two simulated ones
+FINE = 12  # values between two simulated ones
 BAND = 1.645  # standard deviations of a 90 % interval
 DROP = 0.5 * BAND**2  # nats below the best: where that interval ends
 
@@ -57,7 +59,7 @@ def profile(
     found = {x: weighed(seen, curve[x]) for x in places}
     top = places.index(max(places, key=lambda x: found[x].evidence))
     near = places[max(top - 1, 0) : top + 2]
-    for low, high in zip(near[:-1], near[1:], strict=True):
+    for low, high in itertools.pairwise(near):
         for share in np.linspace(0.0, 1.0, FINE + 1)[1:-1]:
             mixed = (1.0 - share) * curve[low] + share * curve[high]
             found[float(low + share * (high - low))] = weighed(seen, mixed)

@@ -19,8 +19,10 @@ from gatjax.diagnosis.floor.standing import Standing
 from gatjax.diagnosis.hypotheses import RELATIVE, ZERO
 from gatjax.robot.model import joint_names
 
-BIASES = {"gyro": 0.005, "accelerometer": 0.05}  # rad/s, m/s^2: tolerance of an IMU
+BIASES = {"gyro": 0.005, "accelerometer": 0.05, "orientation": 0.0017, "force": 0.6}
+"""rad/s, m/s^2, rad, N: constant errors of any inertial unit, and of any stand."""
 TIME = 0.001  # s, that tolerances of damping and transport are worth
+CALM = 0.5  # of the noise variance: no fit is better
 ROUNDS = 4  # of finding the size of the noise
 
 
@@ -30,6 +32,7 @@ class Observed(NamedTuple):
     names: tuple[str, ...]  # C
     measured: np.ndarray  # [C, B]
     scatter: np.ndarray  # [C, B, D] per standard deviation of a tolerance
+    squares: np.ndarray  # [C, D, D] of the scatter, summed over bins
     noise: np.ndarray  # [C] of a bin's mean, and of what tolerances leave
 
 
@@ -87,14 +90,14 @@ def observe(standing: Standing) -> Observed:
         name for name in known if all(name in logged for logged in standing.channels)
     ]
     names = (*joints, *shared)
-    measured, noise = [], []
+    measured, noises = [], []
     for run, logged in zip(standing.runs, standing.channels, strict=True):
         angle = dict(zip(joints, run.angle.T, strict=True))
         series = _stack(angle | logged, names)
         measured.append(binned(run, series))
         rough = np.diff(series, 3, axis=-1) / np.sqrt(20.0)
         count = series.shape[-1] / measured[-1].shape[-1]
-        noise.append(np.mean(np.square(rough), -1) / count)
+        noises.append(np.mean(np.square(rough), -1) / count)
     parts = []
     for one in standing.ensembles:
         zero = np.stack([robot.zero for robot in one.robots])
@@ -102,13 +105,13 @@ def observe(standing: Standing) -> Observed:
         parts.append(seen[1:] - seen[0])
     drawn = np.concatenate(parts)
     scatter = np.moveaxis(drawn, 0, -1) / np.sqrt(len(drawn))
-    reading = np.mean(noise, 0)
+    reading = np.mean(noises, 0)
     missed = _missed(drawn, reading)
-    own = _own(standing, len(names))
+    own = _own(standing, names)
     whole = np.concatenate([scatter, _biases(names, scatter.shape[1]), own], -1)
-    return Observed(
-        names, np.concatenate(measured, -1), whole, np.sqrt(reading + missed)
-    )
+    squares = np.swapaxes(whole, 1, 2) @ whole
+    noise = np.sqrt(reading + missed)
+    return Observed(names, np.concatenate(measured, -1), whole, squares, noise)
 
 
 def _biases(names: tuple[str, ...], bins: int) -> np.ndarray:
@@ -123,27 +126,28 @@ def _biases(names: tuple[str, ...], bins: int) -> np.ndarray:
     return out
 
 
-def _own(standing: Standing, count: int) -> np.ndarray:
-    """What tolerances of a joint do to itself alone [C, B, 3 J], to first order.
+def _own(standing: Standing, names: tuple[str, ...]) -> np.ndarray:
+    """What tolerances of a joint do to itself alone [C, B, 3 K], to first order.
 
     The zero of its encoder; its gain, as a share of the error it follows with; its
     damping and delay, as a time.
     """
+    joints = joint_names(standing.model)
+    chosen = [joints.index(name) for name in names if name in joints]
     parts = []
     for run, row in zip(standing.runs, standing.ensembles[0].rows, strict=True):
         stamps, first = run.time - run.time[0], row.angle[:1]
         rows = np.concatenate([first, row.command[None] - first, row.velocity[:1]])
-        seen = row.at(stamps, rows)
+        seen = row.at(stamps, rows)[..., chosen]
         series = np.stack(
             [ZERO + 0.0 * seen[0], RELATIVE["kp"] * seen[1], TIME * seen[2]], -1
         )
         parts.append(binned(run, np.moveaxis(series, 0, -1)))
-    whole = np.concatenate(parts, -1)  # [J, 3, B]
-    joints = len(whole)
-    out = np.zeros((count, whole.shape[-1], joints, 3))
-    index = np.arange(joints)
+    whole = np.concatenate(parts, -1)  # [K, 3, B]
+    out = np.zeros((len(names), whole.shape[-1], len(chosen), 3))
+    index = np.arange(len(chosen))
     out[index, :, index] = np.swapaxes(whole, 1, 2)
-    return out.reshape(count, whole.shape[-1], -1)
+    return out.reshape(len(names), whole.shape[-1], -1)
 
 
 def _missed(drawn: np.ndarray, reading: np.ndarray) -> np.ndarray:
@@ -161,22 +165,34 @@ def _missed(drawn: np.ndarray, reading: np.ndarray) -> np.ndarray:
     return np.square(left).mean((0, 2))
 
 
+def widened(seen: Observed, columns: np.ndarray) -> Observed:
+    """The same with more tolerances, columns [C, B, K]."""
+    scatter = np.concatenate([seen.scatter, columns], -1)
+    return seen._replace(scatter=scatter, squares=np.swapaxes(scatter, 1, 2) @ scatter)
+
+
 def weighed(seen: Observed, predicted: np.ndarray) -> Weighed:
     """Evidence of a prediction [C, B], its tolerances adjusted.
 
     The size of each channel's noise is found along with the tolerances, so that one
-    channel that is wrong by itself does not bend the others.
+    channel that is wrong by itself does not bend the others. The evidence is that of
+    noise of unknown covariance: a torso that wobbles moves all channels, but counts
+    once. A share CALM of the nominal noise is always in it.
     """
     rest = seen.measured - predicted
     count, bins = rest.shape
-    flat = seen.scatter.reshape(count * bins, -1)
-    level, left, spare = np.ones(count), rest, 0.0
+    pulls = (rest[:, None] @ seen.scatter)[:, 0]
+    square = np.square(rest).sum(-1)
+    level, spare = np.ones(count), 0.0
     for _ in range(ROUNDS):
-        weight = np.repeat(1.0 / np.square(seen.noise * level), bins)
-        normal = (flat * weight[:, None]).T @ flat + np.eye(flat.shape[1])
-        used = np.linalg.solve(normal, (flat * weight[:, None]).T @ rest.ravel())
-        left = rest - (flat @ used).reshape(rest.shape)
-        level = np.sqrt(np.mean(np.square(left), -1)) / seen.noise
+        weight = 1.0 / np.square(seen.noise * level)
+        normal = np.tensordot(weight, seen.squares, 1) + np.eye(pulls.shape[1])
+        used = np.linalg.solve(normal, weight @ pulls)
+        left = square - 2.0 * pulls @ used + seen.squares @ used @ used
+        level = np.sqrt(np.maximum(left, 0.0) / bins) / seen.noise
         level, spare = np.maximum(level, FLOOR), float(used @ used)
-    evidence = -bins * float(np.log(level).sum()) - 0.5 * spare
+    flat = seen.scatter.reshape(count * bins, -1)
+    apart = (rest - (flat @ used).reshape(rest.shape)) / seen.noise[:, None]
+    spread = apart @ apart.T / bins + CALM * np.eye(count)
+    evidence = -0.5 * bins * float(np.linalg.slogdet(spread)[1]) - 0.5 * spare
     return Weighed(evidence, level, rest)

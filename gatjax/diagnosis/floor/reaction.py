@@ -112,7 +112,7 @@ class Frame:
             gives = gives if len(gives) else np.diag(turned).real[joints]
             shares.append((turned / np.diag(turned)[:, None]).real[joints])
             own = self.servo[0] + 1j * rate * self.servo[1]
-            real.append((1.0 / np.diag(turned) - own).real[joints])
+            real.append(np.real(1.0 / np.diag(turned) - own)[joints])
         least = 1.0 / np.diag(np.linalg.inv(mass))[joints]
         inertia = np.maximum((real[0] - real[1]) / (FAST**2 - SLOW**2), least)
         return Answer(

@@ -158,5 +158,5 @@ def _loads(standing: Standing, run: int, trace: Trace, felt: np.ndarray) -> Load
         for one in standing.ensembles
     ]
     rest = np.concatenate(drawn, -1)
-    bodies, tilt = weights.bodies(standing.tree, trace.moments)
-    return Loads(load, (rest, np.zeros_like(rest)), bodies, tilt)
+    bodies, gravity = weights.bodies(standing.tree, trace.moments)
+    return Loads(load, (rest, np.zeros_like(rest)), bodies, gravity)

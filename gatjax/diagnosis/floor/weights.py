@@ -3,8 +3,8 @@
 A joint obeys inertia_j q''_j + rest_j + slope_j (q_j - path_j) = servo torque - damping
 q'_j - dry friction, as in `gatjax.diagnosis.loads`, but here inertia and slope are what
 the joint sees of a body that gives way (`reaction`), and rest is what is left of the
-simulated servo torques: base, contacts and the closed chain of two feet are in it. Along
-the simulated motion, the equation holds exactly.
+simulated servo torques: base, contacts and the closed chain of two feet are in it.
+Along the simulated motion, the equation holds exactly.
 """
 
 from __future__ import annotations
@@ -22,10 +22,9 @@ from gatjax.diagnosis.joint import STEP, TRANSPORT
 from gatjax.diagnosis.loads import (
     BODY_TERMS,
     COARSE,
-    TILT_TERMS,
+    GRAVITY_TERMS,
     Load,
     Tree,
-    tilted,
 )
 from gatjax.diagnosis.loads import _changed as changed
 from gatjax.diagnosis.motion import FINE, LEAD, Motion, cells, spread
@@ -126,25 +125,25 @@ def _bounds(data: mujoco.MjData) -> np.ndarray:
 
 
 def bodies(tree: Tree, moments: list[Moment]) -> tuple[np.ndarray, np.ndarray]:
-    """Change of the loads per unit of a body term and per rad of tilt.
+    """Change of the loads per unit of a body term and of gravity.
 
     A changed body pulls at all joints at once, and the servos share what it adds.
 
     Returns:
-        [2, m, J, b, BODY_TERMS] of rest and inertia, and [m, J, TILT_TERMS] of rest.
+        [2, m, J, b, BODY_TERMS] of rest and inertia, and [m, J, GRAVITY_TERMS] of rest.
     """
     model, joints = tree.model, tree.moves.shape[1]
     variants = [
-        [_Variant(*pair) for pair in changed(model, body)] for body in tree.body
+        [_Variant(*pair) for pair in changed(model, int(body))] for body in tree.body
     ]
-    turned, angle = [], 0.05
-    for angles in np.eye(len(TILT_TERMS)) * angle:
+    turned = []
+    for change in np.eye(len(GRAVITY_TERMS)):
         other = mujoco.MjModel.__copy__(model)
-        other.opt.gravity[:] = tilted(model.opt.gravity, angles)
-        turned.append(_Variant(other, angle))
+        other.opt.gravity[:] += change
+        turned.append(_Variant(other, 1.0))
     plain, dofs = _Variant(model, 1.0), _dofs(tree)
     found = np.empty((2, len(moments), joints, joints, len(BODY_TERMS)))
-    tilt = np.empty((len(moments), joints, len(TILT_TERMS)))
+    gravity = np.empty((len(moments), joints, len(GRAVITY_TERMS)))
     for k, moment in enumerate(moments):
         force, mass = plain.taken(tree, moment)
         for joint, terms in enumerate(variants):
@@ -156,8 +155,8 @@ def bodies(tree: Tree, moments: list[Moment]) -> tuple[np.ndarray, np.ndarray]:
                 found[:, k, :, joint, term] = rest, more
         for term, variant in enumerate(turned):
             pull, _ = variant.taken(tree, moment)
-            tilt[k, :, term] = moment.answer.share @ (pull - force) / angle
-    return found, tilt
+            gravity[k, :, term] = moment.answer.share @ (pull - force)
+    return found, gravity
 
 
 class _Variant:

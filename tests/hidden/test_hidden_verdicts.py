@@ -1,0 +1,73 @@
+"""The generator hides an effect; the diagnosis has to find it, and nothing else."""
+
+import json
+
+import pytest
+
+from gatjax.data.recording import read_recording
+from gatjax.diagnosis.diagnose import diagnose
+from gatjax.surrogate.hidden import write_cases
+
+# Seeds are the first ones, counted from 1, whose effect has a visibility of 3 or more:
+# that is where the diagnosis promises to name it.
+CASES = {
+    "dead_band": (4, {"mix": {"single": 1.0}, "causes": ["dead_band"]}),
+    "gain_error": (1, {"mix": {"single": 1.0}, "causes": ["gain_error"]}),
+    "null": (1, {"mix": {"null": 1.0}}),
+    "outside": (1, {"mix": {"outside": 1.0}}),
+}
+
+
+@pytest.fixture(scope="module", params=CASES)
+def answered(request, tmp_path_factory):
+    """A hidden case with its truth and the diagnosis of it."""
+    folder = tmp_path_factory.mktemp(request.param)
+    seed, wanted = CASES[request.param]
+    write_cases(folder, 1, seed, robots=["arm_servo"], **wanted)
+    truth = json.loads((folder / "answers.json").read_text())["cases"][0]
+    case = folder / "cases" / truth["id"]
+    told = diagnose(
+        str(folder / "models" / f"{truth['robot']}.xml"),
+        [read_recording(file) for file in sorted(case.glob("fit*.parquet"))],
+        [read_recording(case / "held.parquet")],
+        folder / "out", 0, lambda stage, share: None,
+    )  # fmt: skip
+    return truth, told, folder / "out"
+
+
+def test_the_verdict_is_true(answered):
+    truth, told, _ = answered
+    assert told["verdict"] == truth["verdict"]
+    names = [row["cause"] for row in told["causes"]]
+    if truth["verdict"] == "named":
+        assert len(names) == 1
+        cause = truth["causes"][0]
+        assert names[0] in truth["accepted"][cause["cause"]]
+        assert told["causes"][0]["where"] == cause["where"]
+    if truth["verdict"] == "none":
+        assert names == []
+
+
+def test_the_size_is_near_the_truth(answered):
+    truth, told, _ = answered
+    if truth["verdict"] != "named":
+        pytest.skip("only a named cause has a size")
+    name, value = next(iter(truth["causes"][0]["parameters"].items()))
+    told_value = told["causes"][0]["parameters"][name]
+    assert told_value["value"] == pytest.approx(value["value"], rel=0.25)
+    assert told_value["low"] < told_value["value"] < told_value["high"]
+
+
+def test_what_it_writes_is_whole_and_the_extension_predicts_better(answered):
+    truth, told, out = answered
+    written = json.loads((out / "diagnosis.json").read_text())
+    assert written["verdict"] == told["verdict"]
+    for name in ("world.json", "extended.xml", "signals.parquet"):
+        assert (out / name).stat().st_size > 0
+    gain = told["gain"]
+    if truth["verdict"] == "named":
+        share = 1.0 - gain["after"] / gain["before"]
+        assert share > 0.5 * truth["oracle"]["gain"]
+        assert gain["noise_floor"] < gain["after"]
+    else:
+        assert gain["after"] < 1.5 * gain["before"]

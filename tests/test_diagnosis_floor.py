@@ -1,0 +1,223 @@
+"""Standing robots: loads, pushes and claims, on a small robot with two feet."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from gatjax.data.trajectories import JointRun
+from gatjax.diagnosis import joint as joints
+from gatjax.diagnosis.floor import (
+    claims,
+    played,
+    pushes,
+    reaction,
+    standing,
+    tolerances,
+    weights,
+)
+from gatjax.diagnosis.floor.channels import simulated
+from gatjax.diagnosis.hypotheses import COUNT, numbers
+from gatjax.diagnosis.joint import STEP
+from gatjax.diagnosis.loads import Tree
+from gatjax.diagnosis.motion import FINE, grid_time
+from gatjax.sim.limbs import put_down
+from gatjax.sim.world import add_cause
+
+PERIOD = 0.02
+LEG = """
+<body pos="0 {y} -0.05">
+  <joint name="{s}Hip" axis="0 1 0" armature="0.005" damping="0.5" frictionloss="0.02"/>
+  <geom type="capsule" fromto="0 0 0 0 0 -0.12" size="0.02" mass="0.4"/>
+  <body name="{s}Foot" pos="0 0 -0.15">
+    <joint name="{s}Ankle" axis="0 1 0" armature="0.005" damping="0.5"
+           frictionloss="0.02"/>
+    <geom type="box" size="0.07 0.03 0.01" mass="0.2"/>
+    <geom class="sole" name="{s}1" pos="0.07 0.03 -0.02"/>
+    <geom class="sole" name="{s}2" pos="0.07 -0.03 -0.02"/>
+    <geom class="sole" name="{s}3" pos="-0.07 0.03 -0.02"/>
+    <geom class="sole" name="{s}4" pos="-0.07 -0.03 -0.02"/>
+    <site name="{s}Front" type="sphere" size="0.04" pos="0.07 0 -0.02"/>
+    <site name="{s}Rear" type="sphere" size="0.04" pos="-0.07 0 -0.02"/>
+  </body>
+</body>
+"""
+XML = f"""
+<mujoco>
+  <compiler angle="radian" autolimits="true"/>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <default>
+    <geom contype="0" conaffinity="0"/>
+    <position kp="60" kv="0.3" forcerange="-8 8"/>
+    <default class="sole">
+      <geom type="sphere" size="0.005" conaffinity="1" friction="1 0.005 0.0001"/>
+    </default>
+  </default>
+  <worldbody>
+    <geom type="plane" size="0 0 0.1" contype="1"/>
+    <body name="torso" pos="0 0 0.23">
+      <freejoint/>
+      <geom type="box" size="0.05 0.08 0.05" mass="1.5"/>
+      <site name="imu"/>
+      <body pos="0 0 0.05">
+        <joint name="Neck" axis="0 1 0" armature="0.002" damping="0.1"
+               frictionloss="0.01"/>
+        <geom type="capsule" fromto="0 0 0 0 0 0.08" size="0.03" mass="0.4"/>
+      </body>
+      {LEG.format(s="L", y=0.06)}
+      {LEG.format(s="R", y=-0.06)}
+    </body>
+  </worldbody>
+  <actuator>
+    <position joint="Neck"/> <position joint="LHip"/> <position joint="LAnkle"/>
+    <position joint="RHip"/> <position joint="RAnkle"/>
+  </actuator>
+  <sensor>
+    <gyro site="imu"/> <accelerometer site="imu"/>
+    <touch name="LFront" site="LFront"/> <touch name="LRear" site="LRear"/>
+    <touch name="RFront" site="RFront"/> <touch name="RRear" site="RRear"/>
+  </sensor>
+</mujoco>
+"""
+NAMES = ("Neck", "LHip", "LAnkle", "RHip", "RAnkle")
+
+
+def silent(stage: str, share: float) -> None:
+    """Nobody listens."""
+
+
+@pytest.fixture(scope="module")
+def model() -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(XML)
+
+
+def commands() -> tuple[np.ndarray, np.ndarray]:
+    """Stamps [N] s and a bow [N, 5] rad with a nod."""
+    time = PERIOD * np.arange(150)
+    bow = 0.08 * np.sin(2.0 * np.pi * 0.7 * time) ** 2
+    nod = 0.3 * np.sin(2.0 * np.pi * 1.1 * time) ** 2
+    return time, np.stack([nod, -bow, bow, -bow, bow], -1)
+
+
+def logged(
+    model: mujoco.MjModel,
+    cause: str | None = None,
+    where: str = "",
+    values: dict[str, float] | float = 0.0,
+) -> tuple[JointRun, dict[str, np.ndarray]]:
+    """A log of the robot with a cause, with a little noise."""
+    time, command = commands()
+    world = tolerances.timed(played.world_of(model, PERIOD, 0.001))
+    if cause:
+        world = add_cause(world, cause, [where], values)
+    blind = JointRun(0, time, command, 0.0 * command)
+    row = played.replayed(world, [blind], [world.values])[0]
+    rng = np.random.default_rng(1)
+    angle = row.at(time, row.angle)[0] + 3e-4 * rng.normal(size=command.shape)
+    seen = simulated(model, row, time)
+    noise = {"gyro": 0.005, "accelerometer": 0.05, "orientation": 0.002, "force": 0.1}
+    channels = {
+        name: series[0] + noise[name.partition(".")[0]] * rng.normal(size=len(time))
+        for name, series in seen.items()
+    }
+    return JointRun(0, time, command, angle), channels
+
+
+def test_reaction_is_the_answer_to_a_slow_push(model: mujoco.MjModel) -> None:
+    loose = mujoco.MjModel.__copy__(model)
+    loose.dof_frictionloss[:] = 0.0
+    data = mujoco.MjData(loose)
+    data.qpos[:] = put_down(loose, np.zeros(5))
+    for _ in range(500):
+        mujoco.mj_step(loose, data)
+    mujoco.mj_forward(loose, data)
+    tree = Tree(loose, loose.actuator_trnid[:, 0])
+    answer = reaction.Frame(tree).answer(loose, data)
+    rate = reaction.SLOW
+    for joint in (0, 1, 2):
+        given = _swing(loose, data, joint, rate)
+        expected = answer.slope[joint] - rate**2 * answer.inertia[joint]
+        assert given == pytest.approx(expected, abs=0.05 * (60.0 + abs(expected)))
+    assert answer.slope[1] > 5.0  # the other leg resists
+
+
+def _swing(
+    model: mujoco.MjModel, data: mujoco.MjData, joint: int, rate: float
+) -> float:
+    """Real part of the impedance that a joint sees beside its own servo."""
+    other = mujoco.MjData(model)
+    other.qpos[:] = data.qpos
+    time = 0.002 * np.arange(round(2.0 * 2.0 * np.pi / rate / 0.002))
+    angle = np.empty(len(time))
+    for k, t in enumerate(time):
+        other.qfrc_applied[6 + joint] = 0.1 * np.cos(rate * t)
+        mujoco.mj_step(model, other)
+        angle[k] = other.qpos[7 + joint]
+    last = slice(len(time) // 2, None)
+    wave = np.exp(-1j * rate * (time[last] + 0.002))
+    answer = 2.0 * np.mean((angle[last] - angle[last].mean()) * wave) / 0.1
+    return float((1.0 / answer).real - 60.0)
+
+
+def test_single_joints_move_as_in_the_full_simulation(model: mujoco.MjModel) -> None:
+    run, channels = logged(model)
+    robot = standing.prepare(model, [run], [channels], PERIOD, silent)
+    moved, loads = standing.weigh(robot)
+    ready = joints.build(model, robot.tree, NAMES, [run], moved, loads)
+    time = grid_time([run], STEP)[::FINE]
+    trace = weights.trace(robot.tree, run, time)
+    for joint in ready:
+        path = np.interp(run.time, time, trace.motion.position[:, joint.index])
+        alone = joint.simulate([numbers(joint, None, np.zeros(COUNT))], False)[0, :, 0]
+        assert np.sqrt(np.mean(np.square(alone - path))) < 6e-4
+        assert np.ptp(path) > 0.02  # it did move
+
+
+def test_a_push_is_told_by_the_other_joints(model: mujoco.MjModel) -> None:
+    run, _ = logged(model)
+    time = grid_time([run], STEP)[::FINE]
+    tree = Tree(model, model.actuator_trnid[:, 0])
+    moments = weights.trace(tree, run, time).moments
+    answers = [moment.answer for moment in moments]
+    push = np.zeros(12)
+    push[[0, 6]] = 1.5, -1.5  # N, feet apart along x
+    load = np.stack([one.share @ one.pushes @ push for one in answers])
+    wave = np.sin(np.arange(len(answers)))[:, None]
+    left = wave * load * np.stack([one.gives for one in answers])
+    felt = pushes.felt(answers, left, 1e-8 * np.eye(5))
+    wanted = -(wave * load)
+    legs = slice(1, 5)
+    assert np.abs(wanted[:, legs]).max() > 0.02
+    assert np.linalg.norm((felt - wanted)[:, legs]) < 0.3 * np.linalg.norm(
+        wanted[:, legs]
+    )
+    alone = np.zeros_like(left)
+    alone[:, 1] = left[:, 1]
+    assert np.abs(pushes.felt(answers, alone, 1e-8 * np.eye(5))[:, 1]).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("cause", "where", "values", "size"),
+    [
+        ("imu_misalignment", "imu", {"angle": 0.06, "roll": 1.0, "pitch": 1.0}, 0.06),
+        ("gravity_tilt", "all", {"angle": 0.05, "roll": 0.0, "pitch": 1.0}, 0.05),
+    ],
+)
+def test_causes_of_the_floor_are_named(
+    model: mujoco.MjModel, cause: str, where: str, values: dict[str, float], size: float
+) -> None:
+    run, channels = logged(model, cause, where, values)
+    robot = standing.prepare(model, [run], [channels], PERIOD, silent)
+    best = claims.claims(robot, silent)[0]
+    assert (best.cause, best.where) == (cause, where)
+    assert best.gain > 12.0
+    first = next(iter(best.values.values()))
+    assert first == pytest.approx(size, rel=0.25)
+    assert best.low < best.high
+
+
+def test_a_healthy_robot_has_no_claim(model: mujoco.MjModel) -> None:
+    run, channels = logged(model)
+    robot = standing.prepare(model, [run], [channels], PERIOD, silent)
+    assert claims.claims(robot, silent)[0].gain < 12.0

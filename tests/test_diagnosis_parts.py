@@ -1,0 +1,103 @@
+"""Pieces of the diagnosis that have an answer on paper."""
+
+import numpy as np
+import pytest
+from test_diagnosis_plant import joint, wave
+
+from gatjax.diagnosis import bank, drops, motion
+from gatjax.diagnosis.claims import shared_value, uncertainty
+from gatjax.diagnosis.fit import Fit
+from gatjax.diagnosis.hypotheses import COUNT, combined, information, pinned
+from gatjax.diagnosis.loads import tilted
+from gatjax.effects.catalogue import CATALOGUE
+
+
+def by_cause(name):
+    return next(h for h in bank.CAUSES if h.cause == name)
+
+
+def test_every_hypothesis_names_a_cause_of_the_catalogue_and_starts_inside():
+    for hypothesis in bank.CAUSES:
+        assert hypothesis.cause in CATALOGUE
+        for start in hypothesis.starts:
+            assert np.all(np.array(start) >= hypothesis.low), hypothesis.name
+            assert np.all(np.array(start) <= hypothesis.high), hypothesis.name
+    assert all(not hypothesis.cause for hypothesis in bank.OTHERS)
+
+
+def test_all_causes_that_a_joint_can_show_are_in_the_bank():
+    floor = {
+        "imu_misalignment",
+        "ground_friction",
+        "ground_compliance",
+        "sole_geometry",
+    }
+    known = {h.cause for h in bank.CAUSES} | {"dropped_commands"}
+    assert known == set(CATALOGUE) - floor - {"command_noise"}
+
+
+def test_two_causes_keep_their_own_coordinates():
+    lag, offset = by_cause("first_order_lag"), by_cause("encoder_scale")
+    both = combined(lag, offset)
+    drive: dict = {}
+    one = joint(wave)
+    both.put(drive, one, np.array([np.log(0.03), 0.1]))
+    assert drive["lag"] == pytest.approx(0.03)
+    assert drive["scale"] == pytest.approx(1.1)
+    assert both.parts == (lag, offset)
+    assert len(information(both)) == COUNT + 2
+    fixed = pinned(lag, np.array([np.log(0.05)]))
+    fixed.put(drive, one, np.zeros(0))
+    assert drive["lag"] == pytest.approx(0.05) and fixed.low == ()
+
+
+def test_cells_hold_a_command_until_the_next_stamp():
+    time = np.array([0.0, 0.1, 0.25])
+    command = np.array([[1.0], [3.0], [2.0]])
+    grid = np.arange(-5, 40) * 0.01
+    mean = motion.cells(time, command, grid)[:, 0]
+    assert mean[:15] == pytest.approx(1.0)
+    assert mean[15:30] == pytest.approx(3.0)
+    assert mean[30:] == pytest.approx(2.0)
+    shifted = motion.cells(time + 0.005, command, grid)[:, 0]
+    assert shifted[15] == pytest.approx(2.0)  # half a step of each
+
+
+def test_gravity_of_a_tilted_mounting():
+    down = np.array([0.0, 0.0, -9.81])
+    assert tilted(down, np.zeros(2)) == pytest.approx(down)
+    for angles in ([0.3, 0.0], [0.0, 0.3]):
+        turned = tilted(down, np.array(angles))
+        assert np.linalg.norm(turned) == pytest.approx(9.81)
+        assert turned[2] == pytest.approx(-9.81 * np.cos(0.3))
+
+
+def test_lost_targets_are_found_in_what_they_leave():
+    rng = np.random.default_rng(3)
+    command = np.cumsum(rng.normal(0.0, 0.02, 400))
+    kernel = 0.25 * np.exp(-np.arange(30) / 4.0)
+    lost = np.zeros(400, bool)
+    lost[[50, 51, 120, 200, 201, 202, 310]] = True
+    change = drops.held(command, lost) - command
+    residual = np.convolve(change, kernel)[:400] + rng.normal(0.0, 5e-4, 400)
+    found = drops.decode(command, residual, np.zeros(400, bool), kernel, 1e-3)
+    missed, invented = np.sum(lost & ~found), np.sum(found & ~lost)
+    assert missed <= 1 and invented <= 1
+    quiet = rng.normal(0.0, 5e-4, 400)
+    assert not drops.decode(command, quiet, np.zeros(400, bool), kernel, 1e-3).any()
+
+
+def fit_of(value, information_of_it):
+    square = np.eye(COUNT + 1)
+    square[-1, -1] = information_of_it
+    x = np.append(np.zeros(COUNT), value)
+    return Fit(
+        None, x, 100.0, np.zeros(100), np.zeros((100, COUNT + 1)), square, 0, True
+    )
+
+
+def test_joints_agree_on_a_value_by_their_information():
+    fits = [fit_of(1.0, 300.0), fit_of(2.0, 100.0)]
+    assert shared_value(fits, 1)[0] == pytest.approx(1.25, rel=1e-3)
+    alone, both = uncertainty(fits[:1], 1), uncertainty(fits, 1)
+    assert both[0, 0] == pytest.approx(alone[0, 0] * 300.0 / 400.0)
