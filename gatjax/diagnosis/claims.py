@@ -11,7 +11,7 @@ from gatjax.diagnosis.hypotheses import Hypothesis
 
 PRICE = 2.0  # nats for each coordinate of a cause
 PLACE = 1.0  # nats for each joint that is named by itself
-WORTH = 12.0  # nats: a claim below is no finding
+WORTH = 10.0  # nats: a claim below is no finding
 SHARED = (
     "command_delay", "measurement_delay", "first_order_lag", "gain_error",
     "damping_error", "clock_drift", "gravity_tilt", "command_quantization",

@@ -24,6 +24,7 @@ VISIBLE = 0.5  # times the scatter from tolerances: a smaller change is not a ca
 SECOND_SHARE = 0.8  # the same where a joint is explained already, but for a little
 EXPECTED = 1.3  # misfit power of a right model, in squares of the reading noise
 SPENT = 9.0  # squared deviations: tolerances that imitate a cause instead of a misfit
+ROUGH = 3.5  # the same at a joint with a named cause, whose law is a simplification
 REST = 0.02  # share of the misfit power that an explanation may leave
 ALIASES = (
     frozenset({"command_delay", "measurement_delay"}),
@@ -139,7 +140,9 @@ def adequate(judge: Judge, case: Case, index: int) -> bool:
     joint, fit = judge.joints[index], judge.known[index]
     level = fit.rms() / joint.noise
     before = case.healthy[index].rms() / joint.noise
-    return level < TOLERABLE or level**2 < REST * before**2
+    known = any(index in claim.fits for claim in judge.accepted)
+    most = ROUGH if known else TOLERABLE
+    return level < most or level**2 < REST * before**2
 
 
 def _pair(judge: Judge, claims: list[Claim], law: Claim) -> Claim | None:

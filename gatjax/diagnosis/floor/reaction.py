@@ -109,7 +109,7 @@ class Frame:
         for rate in (SLOW, FAST):
             whole = spring + 1j * rate * damper - rate**2 * mass
             turned = np.linalg.inv(whole)
-            gives = gives if len(gives) else np.diag(turned).real[joints]
+            gives = gives if len(gives) else np.real(np.diag(turned))[joints]
             shares.append((turned / np.diag(turned)[:, None]).real[joints])
             own = self.servo[0] + 1j * rate * self.servo[1]
             real.append(np.real(1.0 / np.diag(turned) - own)[joints])
