@@ -163,7 +163,12 @@ def write_model(path: Path, world: World) -> list[str]:
     spec.option.gravity[:] = changed.opt.gravity
     path.write_text(spec.to_xml(), encoding="utf-8")
     return [
-        f"{row['cause']} at {', '.join(row['where'])}: {row['values']}"
+        f"{row['cause']} at {', '.join(row['where'])}: {_told(row['values'])}"
         for row in world.causes
         if any(part.slot != "body" for part in CATALOGUE[row["cause"]].parts)
     ]
+
+
+def _told(values: dict[str, float]) -> str:
+    """Values of a cause in words."""
+    return ", ".join(f"{name} {value:.3g}" for name, value in values.items())
