@@ -16,6 +16,7 @@ from gatjax.effects.catalogue import CATALOGUE
 
 SCHEMA = "gatjax.diagnosis/1"
 DRAWS = 48  # of a cause's coordinates, for its interval
+MODEL_ERROR = 0.08  # of a cause's size: its law is a simplification of the robot's
 SHOWN = 25  # candidates in the file
 UNITS = {"no_torque_speed": "rad/s"}
 
@@ -44,6 +45,10 @@ def interval(verdict: Verdict, claim: Claim, seed: int) -> dict[str, dict[str, A
         low_value, high_value = np.quantile(draws[name], (0.05, 0.95))
         if claim.lost and name == "probability":
             low_value, high_value = min(draws[name]), max(draws[name])
+        if name == entry.main.name:
+            size = abs(value - entry.neutral) if np.isfinite(entry.neutral) else value
+            low_value = min(low_value, value - MODEL_ERROR * size)
+            high_value = max(high_value, value + MODEL_ERROR * size)
         out[name] = {
             "value": value, "low": float(min(low_value, value)),
             "high": float(max(high_value, value)), "unit": units.get(name, "1"),
