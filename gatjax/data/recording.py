@@ -29,7 +29,7 @@ from gatjax.data.mapping import (
     resolve,
     to_si,
 )
-from gatjax.runs import write_whole
+from gatjax.runs import read_json, write_whole
 
 LARGEST_ANGLE = 6.4  # rad, just over a full turn: no position servo goes there
 DEGREES_SHARE = 0.05  # of the rows; fewer are glitches, not a unit
@@ -267,13 +267,7 @@ def _json_beside(path: Path) -> dict[str, Any]:
     beside = path.with_suffix(".json")
     if not beside.is_file():
         return {}
-    try:
-        metadata = json.loads(beside.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise ValueError(f"{beside}: not JSON: {error}") from error
-    if not isinstance(metadata, dict):
-        raise ValueError(f"{beside}: expected {{key: value}}")
-    return metadata
+    return read_json(beside)
 
 
 def _metadata(raw: Mapping[str, Any], file: str) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 
 import jax.numpy as jnp
@@ -121,8 +121,13 @@ def _healthy(
         tell("tolerances", next(done) / len(ready))
         return fit
 
+    return mapped(one, ready)
+
+
+def mapped(function: Callable, items: Iterable) -> list:
+    """Apply a function to items on all cores, in order."""
     with ThreadPoolExecutor(THREADS) as pool:
-        return list(pool.map(one, ready))
+        return list(pool.map(function, items))
 
 
 def along(case: Case, known: list[Joint], fits: list[Fit], seed: int = 0) -> Case:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -27,17 +27,9 @@ Tell = Callable[[str, float], None]
 RATES = (100.0, 250.0 / 3.0, 50.0)
 
 
-class Logs(NamedTuple):
-    """Recordings of one role, and their trajectories."""
-
-    recordings: list[Recording]
-    runs: list[JointRun]
-
-
-def read(recordings: list[Recording], joints: tuple[str, ...]) -> Logs:
+def cut(recordings: list[Recording], joints: tuple[str, ...]) -> list[JointRun]:
     """Cut recordings into runs of the model's joints."""
-    runs = [run for recording in recordings for run in to_arrays(recording, joints)]
-    return Logs(recordings, runs)
+    return [run for recording in recordings for run in to_arrays(recording, joints)]
 
 
 def control_period(runs: list[JointRun]) -> float:
@@ -67,18 +59,17 @@ def diagnose(
     began = time.monotonic()
     model = robot_model.load(source)
     joints = robot_model.joint_names(model)
-    logs, unseen = read(fit, joints), read(held, joints)
-    case = prepare(model, logs.runs, tell, seed)
+    logs, unseen = cut(fit, joints), cut(held, joints)
+    case = prepare(model, logs, tell, seed)
     verdict = decide(case, tell)
     tell("extend", 0.0)
-    period = control_period(logs.runs)
+    period = control_period(logs)
     nominal = worlds.nominal(Task(control_period=period), source)
-    world = _extended(verdict, source, period, logs)
+    world, predicted = _extended(verdict, source, period, logs, unseen)
     out.mkdir(parents=True, exist_ok=True)
     rows = [result.cause_row(verdict, cause, seed) for cause in verdict.causes]
     tell("measure", 0.0)
-    pairs = {name: _predicted(w, logs, unseen) for name, w in
-             (("nominal", nominal), ("extended", world))}  # fmt: skip
+    pairs = {"nominal": _predicted(nominal, logs, unseen), "extended": predicted}
     gain = _gain(nominal, world, logs, unseen, pairs, case, seed) if held else None
     _write_signals(out / "signals.parquet", joints, logs, unseen, pairs, verdict)
     made_by = {"verb": "diagnose", "seed": seed}
@@ -105,46 +96,49 @@ def diagnose(
     return text
 
 
-def _extended(verdict: Verdict, source: str, period: float, logs: Logs) -> World:
-    """The extended world; with the calibration if that predicts the fit logs better."""
-    worlds = [
-        extend.extended(verdict, source, period, rows)
-        for rows in ([], extend.calibration(verdict))
-    ]
-    errors = [
-        measure.log_errors(logs.runs, measure.whole_log(world, logs.runs))
-        for world in worlds
-    ]
-    return min(
-        zip(worlds, errors, strict=True), key=lambda pair: pair[1].squared.mean()
-    )[0]
+def _extended(
+    verdict: Verdict, source: str, period: float, logs: list[JointRun],
+    unseen: list[JointRun],
+) -> tuple[World, tuple[list, list]]:  # fmt: skip
+    """The extended world and its predictions.
+
+    The calibration is in it if that predicts the fit logs better.
+    """
+    tried = []
+    for rows in ([], extend.calibration(verdict)):
+        world = extend.extended(verdict, source, period, rows)
+        predicted = _predicted(world, logs, unseen)
+        error = measure.log_errors(logs, predicted[0]).squared.mean()
+        tried.append((error, world, predicted))
+    _, world, predicted = min(tried, key=lambda row: row[0])
+    return world, predicted
 
 
-def _predicted(world: World, logs: Logs, unseen: Logs) -> tuple[list, list]:
+def _predicted(
+    world: World, logs: list[JointRun], unseen: list[JointRun]
+) -> tuple[list, list]:
     """Open-loop predictions of the fit and the held-out runs."""
-    both = measure.whole_log(world, [*logs.runs, *unseen.runs])
-    return both[: len(logs.runs)], both[len(logs.runs) :]
+    both = measure.whole_log(world, [*logs, *unseen])
+    return both[: len(logs)], both[len(logs) :]
 
 
 def _gain(
-    nominal: World, world: World, logs: Logs, unseen: Logs, pairs: dict,
-    case: Any, seed: int,
+    nominal: World, world: World, logs: list[JointRun], unseen: list[JointRun],
+    pairs: dict, case: Any, seed: int,
 ) -> dict[str, Any]:  # fmt: skip
     """Errors on the held-out runs, before and after, at all horizons."""
     period = nominal.task.control_period
-    forward = measure.learn(logs.runs, seed)
-    cut = measure.windows(unseen.runs, period)
+    forward = measure.learn(logs, seed)
+    cut = measure.windows(unseen, period)
     played = {
         "before": measure.windowed(nominal, cut, period),
         "after": measure.windowed(world, cut, period),
         "learned": measure.learned_windows(forward, cut, period),
     }
     whole = {
-        "before": measure.log_errors(unseen.runs, pairs["nominal"][1]),
-        "after": measure.log_errors(unseen.runs, pairs["extended"][1]),
-        "learned": measure.log_errors(
-            unseen.runs, measure.learned_log(forward, unseen.runs)
-        ),
+        "before": measure.log_errors(unseen, pairs["nominal"][1]),
+        "after": measure.log_errors(unseen, pairs["extended"][1]),
+        "learned": measure.log_errors(unseen, measure.learned_log(forward, unseen)),
     }
     horizons = []
     for horizon in measure.HORIZONS:
@@ -188,11 +182,11 @@ def _rows(
 
 
 def _write_signals(
-    path: Path, joints: tuple[str, ...], logs: Logs, unseen: Logs, pairs: dict,
-    verdict: Verdict,
+    path: Path, joints: tuple[str, ...], logs: list[JointRun], unseen: list[JointRun],
+    pairs: dict, verdict: Verdict,
 ) -> None:  # fmt: skip
     """Write what the report draws: measured, nominal and extended, row by row."""
-    runs = [*logs.runs, *unseen.runs]
+    runs = [*logs, *unseen]
     nominal = [*pairs["nominal"][0], *pairs["nominal"][1]]
     extended = [*pairs["extended"][0], *pairs["extended"][1]]
     columns: dict[str, np.ndarray] = {
@@ -201,10 +195,7 @@ def _write_signals(
             [np.full(len(run.time), k) for k, run in enumerate(runs)]
         ),
         "part": np.concatenate(
-            [
-                np.full(len(run.time), int(k >= len(logs.runs)))
-                for k, run in enumerate(runs)
-            ]
+            [np.full(len(run.time), int(k >= len(logs))) for k, run in enumerate(runs)]
         ),
     }
     case = verdict.judge.case
@@ -215,7 +206,7 @@ def _write_signals(
                 case.runs, case.motions, case.loads, strict=True
             )
         ]
-        load += [np.full(len(run.time), np.nan) for run in unseen.runs]
+        load += [np.full(len(run.time), np.nan) for run in unseen]
         parts = {
             "command": [run.command[:, j] for run in runs],
             "measured": [run.angle[:, j] for run in runs],

@@ -144,12 +144,14 @@ def build(
     supply = supply_load(model, tree, moved, loads)
     largest = max(float(total.max()) for total in supply)
     supply = [total / max(largest, 1e-9) for total in supply]
+    at = np.stack([_padded(run.time - run.time[0], rows) for run in runs])
+    valid = np.stack([np.arange(rows) < len(run.time) for run in runs])
     joints = []
     for index, name in enumerate(names):
         drive = nominal_drive(model, tree, index)
 
-        def series(columns: list[np.ndarray], at: np.ndarray) -> Any:
-            parts = [motions.spread(time, at, column) for column in columns]
+        def series(columns: list[np.ndarray], points: np.ndarray) -> Any:
+            parts = [motions.spread(time, points, column) for column in columns]
             return jnp.asarray(np.stack(parts, 1), jnp.float32)
 
         terms = [
@@ -178,9 +180,7 @@ def build(
             supply=series(supply, moved[0].time),
             clock=jnp.asarray(clock, jnp.float32),
         )  # fmt: skip
-        at = np.stack([_padded(run.time - run.time[0], rows) for run in runs])
         seen = np.stack([_padded(run.angle[:, index], rows) for run in runs])
-        valid = np.stack([np.arange(rows) < len(run.time) for run in runs])
         level = float(noise[index])
         joints.append(Joint(name, index, drive, grid, lead, at, seen, valid, level))
     return joints

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import itertools
-import os
-from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
 
 import numpy as np
 
 from gatjax.diagnosis import drops, search
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.bank import CAUSES, OTHERS
-from gatjax.diagnosis.case import Case, along
+from gatjax.diagnosis.case import Case, along, mapped
 from gatjax.diagnosis.claims import (
     BODY,
     PLACE,
@@ -28,7 +26,6 @@ from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined, pinned
 from gatjax.diagnosis.joint import Joint
 
-THREADS = os.cpu_count() or 1
 NOISY = 1.7  # times the noise that the best cause leaves: commands may be lost
 MOST = 4  # shared causes that are looked into
 BODIES = 2  # bodies that are looked into closely
@@ -317,9 +314,3 @@ class Judge:
             claim = Claim(drops.LOST, np.zeros(0), every, joined, gain)
             out.append(claim._replace(lost=lost))
         return out
-
-
-def mapped(function: Callable, items: Iterable) -> list:
-    """Apply a function to items on all cores, in order."""
-    with ThreadPoolExecutor(THREADS) as pool:
-        return list(pool.map(function, items))

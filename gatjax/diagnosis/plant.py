@@ -73,26 +73,46 @@ def rubbed(
     )
 
 
-def rigid_step(p: Drive, g: Grid, u: Array, s: Rigid, h: float) -> Rigid:
-    """One step of a joint with a rigid gear."""
-    memory, push = laws.servo(p, g, u, s.servo, s.q + p.zero_in, s.v, h)
-    inertia, torque = laws.link(p, g, s.q, s.v)
-    total = inertia + p.armature
-    aside = h * (torque + laws.ripple(p, s.q))
+def driven(
+    p: Drive, push: laws.Push, old: tuple[Array, Array, Array], mass: Array,
+    bound_mass: Array | float, aside: Array, h: float,
+) -> tuple[Array, Array, Array]:  # fmt: skip
+    """Speed, bristle and servo torque of a motor after a step.
+
+    Args:
+        p: numbers.
+        push: of the servo.
+        old: speed rad/s, torque through the gear N m and bristle rad before the step.
+        mass: inertia that moves with the motor, kg m^2.
+        bound_mass: what a gear adds to it within the step, kg m^2.
+        aside: impulse of everything but servo, damping and dry friction, N m s.
+        h: step, s.
+    """
+    speed, carried, bristle = old
 
     def freely(resist: Array, force: Array) -> tuple[Array, Array]:
-        solid = total + 0.5 * h * resist
-        given = (total - 0.5 * h * resist) * s.v + aside + h * force
+        solid = mass + bound_mass + 0.5 * h * resist
+        given = (mass - 0.5 * h * resist) * speed + aside + h * force
         return given / solid, solid
 
     free, _ = freely(p.kv + p.damping, push.push)
-    asked = push.push - 0.5 * p.kv * (s.v + free)
+    asked = push.push - 0.5 * p.kv * (speed + free)
     bound = jnp.clip(asked, push.low, push.high)
     inside = bound == asked
     resist = p.damping + jnp.where(inside, p.kv, 0.0)
     free, solid = freely(resist, jnp.where(inside, push.push, bound))
-    v, bristle = rubbed(p, free, solid, s.carried, s.bristle, h)
-    done = jnp.where(inside, push.push - 0.5 * p.kv * (s.v + v), bound)
+    new, bristle = rubbed(p, free, solid, carried, bristle, h)
+    done = jnp.where(inside, push.push - 0.5 * p.kv * (speed + new), bound)
+    return new, bristle, done
+
+
+def rigid_step(p: Drive, g: Grid, u: Array, s: Rigid, h: float) -> Rigid:
+    """One step of a joint with a rigid gear."""
+    memory, push = laws.servo(p, g, u, s.servo, s.q + p.zero_in, s.v, h)
+    inertia, torque = laws.link(p, g, s.q, s.v)
+    aside = h * (torque + laws.ripple(p, s.q))
+    old = s.v, s.carried, s.bristle
+    v, bristle, done = driven(p, push, old, inertia + p.armature, 0.0, aside, h)
     carried = inertia * (v - s.v) / h - torque
     return Rigid(s.q + h * v, v, carried, bristle, laws.warmed(p, memory, done, h))
 
@@ -110,23 +130,11 @@ def geared_step(p: Drive, g: Grid, u: Array, s: Geared, h: float) -> Geared:
     low = inertia + tie
     onto = inertia * s.v + spring + h * torque
     aside = -spring + tie * onto / low + h * laws.ripple(p, s.turned)
+    old = s.turning, s.carried, s.bristle
     bare = tie - tie * tie / low
-
-    def freely(resist: Array, force: Array) -> tuple[Array, Array]:
-        solid = p.armature + bare + 0.5 * h * resist
-        given = (p.armature - 0.5 * h * resist) * s.turning + aside + h * force
-        return given / solid, solid
-
-    free, _ = freely(p.kv + p.damping, push.push)
-    asked = push.push - 0.5 * p.kv * (s.turning + free)
-    bound = jnp.clip(asked, push.low, push.high)
-    inside = bound == asked
-    resist = p.damping + jnp.where(inside, p.kv, 0.0)
-    free, solid = freely(resist, jnp.where(inside, push.push, bound))
-    turning, bristle = rubbed(p, free, solid, s.carried, s.bristle, h)
+    turning, bristle, done = driven(p, push, old, p.armature, bare, aside, h)
     v = (onto + tie * turning) / low
     carried = (spring + tie * (turning - v)) / h
-    done = jnp.where(inside, push.push - 0.5 * p.kv * (s.turning + turning), bound)
     memory = laws.warmed(p, memory, done, h)
     turned = s.turned + h * turning
     return Geared(s.q + h * v, v, turned, turning, carried, bristle, memory)

@@ -7,7 +7,6 @@ the unit of its parameter.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,6 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyarrow as pa
 from pyarrow import parquet
+
+from gatjax.runs import read_json
 
 WHOLE_LOG = math.inf  # s, horizon of a replay without a new start
 
@@ -121,12 +122,7 @@ def read_diagnosis(folder: Path) -> Diagnosis:
     path = folder / "diagnosis.json"
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file; gatjax diagnose writes it")
-    try:
-        raw = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise ValueError(f"{path}: not JSON: {error}") from error
-    if not isinstance(raw, dict):
-        raise ValueError(f"{path}: expected an object")
+    raw = read_json(path)
     problems: list[str] = []
     gain = raw.get("gain")
     return Diagnosis(
