@@ -39,7 +39,7 @@ OWN = {  # coordinates, where the bank's middle start does too little or too muc
     "torque_ripple": (0.1, 0.05, np.log(12.0)),
     "com_shift": (0.0, 0.02, -0.015),
     "gravity_tilt": (0.25, 0.0),
-    "clock_drift": (-0.01,),
+    "clock_drift": (0.01,),  # a negative one reads beyond the end
     "thermal_derating": (-1.0, 3.0),
     "supply_sag": (np.log(0.2),),
     "command_quantization": (np.log(0.08),),
@@ -48,8 +48,8 @@ OWN = {  # coordinates, where the bank's middle start does too little or too muc
     "encoder_offset": (0.2,),
     "encoder_scale": (-0.08,),
     "load_friction": (np.log(0.3),),
-    "backlash": (np.log(0.08),),
-    "joint_elasticity": (np.log(1.0),),
+    "backlash": (np.log(0.08), 0.3),
+    "joint_elasticity": (np.log(1.0), 0.3),
 }
 SHARE = 0.08
 MORE = {
@@ -101,7 +101,7 @@ def simulated(judge, hypothesis=None, own=()):
     if hypothesis is not None:
         hypothesis.put(drive, ready, np.array(own))
     geared = hypothesis is not None and hypothesis.geared
-    return ready.simulate([drive], geared)[0, :, 0]
+    return ready.simulate([drive], geared)[0, ready.valid[0], 0]
 
 
 def translated(judge, hypothesis, own):

@@ -61,15 +61,19 @@ def _positive(
 def _variant(
     base: Hypothesis, variant: str, fixed: Numbers, values: Numbers
 ) -> Hypothesis:
-    """The same cause with the motor and the link apart."""
+    """The same cause with the motor and the link apart, each with some friction."""
 
     def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
-        base.put(drive, joint, x)
-        drive.update(fixed)
+        base.put(drive, joint, x[:-1])
+        drive.update(fixed | {"link_share": float(x[-1])})
 
     return base._replace(
         variant=variant, put=put, geared=True,
-        values=lambda joint, x: base.values(joint, x) | values,
+        starts=tuple((*s, share) for s in base.starts for share in (0.1, 0.8)),
+        steps=(*base.steps, 0.05), low=(*base.low, 0.0), high=(*base.high, 1.0),
+        values=lambda joint, x: (
+            base.values(joint, x[:-1]) | values | {"link_share": float(x[-1])}
+        ),
     )  # fmt: skip
 
 

@@ -61,14 +61,14 @@ def propose(
     limbs = limbs_of(named[0].model)
     moving = np.zeros(len(limbs.names), bool)
     moving[sorted({k for claim in claims for k in claim.where})] = True
-    best: tuple[float, str] = (-1.0, "")
-    for motion in MENU.values():
-        target = motion.build(
+    targets = {
+        motion.name: motion.build(
             limbs, moving, 1.0 / period, seed, seconds=min(SECONDS, motion.seconds)
         )
-        apart = _separation(named, target, verdict)
-        best = max(best, (apart, motion.name))
-    separation, chosen = best
+        for motion in MENU.values()
+    }
+    apart = _separations(named, list(targets.values()), verdict)
+    separation, chosen = max(zip(apart, targets, strict=True))
     return {
         "motion": chosen,
         "separates": names[:2],
@@ -94,18 +94,31 @@ def _world(
     return world
 
 
-def _separation(pair: list[World], target: np.ndarray, verdict: Verdict) -> float:
-    """RMS difference of two worlds' readings in standard deviations of the noise."""
-    period = pair[0].task.control_period
-    lead = round(SETTLE / period)
-    commands = np.concatenate([np.repeat(target[:1], lead, 0), target])[None]
+def _separations(
+    pair: list[World], targets: list[np.ndarray], verdict: Verdict
+) -> list[float]:
+    """RMS difference of two worlds' readings in standard deviations of the noise.
+
+    Of every motion; targets [T, J] rad may differ in length.
+    """
+    lead = round(SETTLE / pair[0].task.control_period)
+    longest = max(len(target) for target in targets)
+    commands = np.stack(
+        [
+            np.pad(target, ((lead, longest - len(target)), (0, 0)), mode="edge")
+            for target in targets
+        ]
+    )
     noise = np.array([joint.noise for joint in verdict.judge.joints])
     played = []
     for world in pair:
-        qpos = put_down(world.model, target[0])
-        rows = replay_many(
-            world, stacked([world.values]), commands, qpos, np.zeros(world.model.nv)
-        )
-        played.append(np.asarray(rows.reading.angle)[0, lead:])
-    apart = np.sqrt(np.mean(np.square((played[0] - played[1]) / noise)))
-    return float(apart) if np.isfinite(apart) else 0.0
+        model, values = world.model, stacked([world.values] * len(targets))
+        qpos = np.stack([put_down(model, target[0]) for target in targets])
+        rows = replay_many(world, values, commands, qpos, np.zeros(model.nv))
+        played.append(np.asarray(rows.reading.angle)[:, lead:])
+    change = np.square((played[0] - played[1]) / noise)
+    apart = [
+        float(np.sqrt(one[: len(target)].mean()))
+        for one, target in zip(change, targets, strict=True)
+    ]
+    return [one if np.isfinite(one) else 0.0 for one in apart]

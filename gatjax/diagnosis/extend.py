@@ -63,10 +63,8 @@ def world_values(verdict: Verdict, claim: Claim) -> dict[str, float]:
         return values | {"heat": float(max(heat, 1e-6))}
     if cause == "supply_sag":
         return values | {"total": verdict.judge.case.supply}
-    if cause == "backlash":
-        return values | {"link_share": 0.0}
     if cause == "joint_elasticity":
-        return values | {"link_share": 0.0, "damping_ratio": plant.DAMPING_RATIO}
+        return values | {"damping_ratio": plant.DAMPING_RATIO}
     return values
 
 

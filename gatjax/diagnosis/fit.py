@@ -27,6 +27,7 @@ FLOOR = 0.9  # of the reading noise: no fit is better
 STEP = 0.15  # of a tolerance, for the finite differences
 FAINT = 1e-6  # prior information on a cause's coordinates, against singular fits
 TRUST = 2.0  # largest change of a tolerance in one iteration
+BORROWED = 3  # iterations with slopes of tolerances that are only updated
 
 
 class Fit(NamedTuple):
@@ -40,6 +41,7 @@ class Fit(NamedTuple):
     information: np.ndarray  # [P, P] inverse covariance, priors included
     damping: float
     settled: bool
+    age: int = BORROWED  # iterations since the slopes of tolerances were simulated
 
     def rms(self) -> float:
         """Of the residual, rad."""
@@ -119,6 +121,11 @@ def _differences(hypothesis: Hypothesis | None) -> np.ndarray:
 
 def linearised(joint: Joint, fits: list[Fit]) -> list[Fit]:
     """Finite-difference slopes of all fits, in one batch."""
+    return _sloped(joint, [fit._replace(age=BORROWED) for fit in fits])
+
+
+def _sloped(joint: Joint, fits: list[Fit]) -> list[Fit]:
+    """Slopes of all fits; those of tolerances only where they are too old."""
     points: list[Point] = []
     steps = []
     for fit in fits:
@@ -126,17 +133,28 @@ def linearised(joint: Joint, fits: list[Fit]) -> list[Fit]:
         step = _differences(fit.hypothesis)
         step = np.where(fit.x + step > high, -step, step)
         steps.append(step)
-        points += [(fit.hypothesis, fit.x + row) for row in np.diag(step)]
+        wanted = np.diag(step)[COUNT if fit.age < BORROWED else 0 :]
+        points += [(fit.hypothesis, fit.x + row) for row in wanted]
     found = residuals(joint, points)
     out, first = [], 0
     for fit, step in zip(fits, steps, strict=True):
-        columns = found[:, first : first + len(step)]
-        first += len(step)
-        slopes = (columns - fit.residual[:, None]) / step
+        kept = COUNT if fit.age < BORROWED else 0
+        columns = found[:, first : first + len(step) - kept]
+        first += len(step) - kept
+        fresh = (columns - fit.residual[:, None]) / step[kept:]
+        slopes = np.concatenate([fit.slopes[:, :kept], fresh], 1)
         square = slopes.T @ slopes / spread(joint) ** 2
         square += np.diag(np.maximum(information(fit.hypothesis), FAINT))
-        out.append(fit._replace(slopes=slopes, information=square))
+        age = fit.age if kept else 0
+        out.append(fit._replace(slopes=slopes, information=square, age=age))
     return out
+
+
+def _moved(fit: Fit, x: np.ndarray, residual: np.ndarray) -> np.ndarray:
+    """Slopes after a step that agree with what it changed (Broyden 1965, eq. 4.5)."""
+    step = x - fit.x
+    missed = residual - fit.residual - fit.slopes @ step
+    return fit.slopes + np.outer(missed, step / (step @ step))
 
 
 def _step(joint: Joint, fit: Fit, damping: float) -> np.ndarray:
@@ -166,7 +184,7 @@ def improve(joint: Joint, fits: list[Fit], iterations: int) -> list[Fit]:
         active = [k for k, fit in enumerate(fits) if not fit.settled]
         if not active:
             break
-        moving = linearised(joint, [fits[k] for k in active])
+        moving = _sloped(joint, [fits[k] for k in active])
         factors = (0.0, 1.0, 30.0)
         trials = [_step(joint, f, f.damping * c) for f in moving for c in factors]
         owners = [f.hypothesis for f in moving for _ in factors]
@@ -178,14 +196,19 @@ def improve(joint: Joint, fits: list[Fit], iterations: int) -> list[Fit]:
             ]
             cost, best = min(options)
             gain = fit.cost - cost
+            fresh = fit.age == 0
             if gain > 0.0:
                 damping = max(1e-4, fit.damping * (0.3 if best % 3 < 2 else 3.0))
                 fits[k] = fit._replace(
                     x=trials[best], cost=cost, residual=found[:, best],
-                    damping=damping, settled=gain < 0.3,
+                    slopes=_moved(fit, trials[best], found[:, best]),
+                    age=fit.age + 1 if gain > 0.3 else BORROWED,
+                    damping=damping, settled=fresh and gain < 0.3,
                 )  # fmt: skip
-            else:
+            elif fresh:
                 fits[k] = fit._replace(
                     damping=fit.damping * 30.0, settled=fit.damping > 1e3
                 )
+            else:
+                fits[k] = fit._replace(age=BORROWED)
     return fits

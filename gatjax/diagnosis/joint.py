@@ -15,6 +15,7 @@ from gatjax.diagnosis import motion as motions
 
 STEP = 1e-3  # s, of the single-joint simulation
 CHUNKS = (32, 128, 256)  # simulations that run together: one compilation each
+ROWS = 256  # readings of a run are padded to a multiple, to share compilations
 TRANSPORT = 0.0012  # s, nominal way of a command to the servo
 CREEP = 0.06  # rad/s, speed at which stiction has faded
 GRAVITY = ("gravity_x", "gravity_y", "gravity_z")  # in `nominal`, m/s^2
@@ -135,7 +136,8 @@ def build(
     """Put the joints of a model on the simulations' grid, runs padded to one length."""
     time = motions.grid_time(runs, STEP)
     lead = int(np.sum(time < -0.5 * STEP))
-    rows = max(len(run.time) for run in runs)
+    rows = -(-max(len(run.time) for run in runs) // ROWS) * ROWS
+    ends = np.array([run.time[-1] - run.time[0] for run in runs])
     few = moved[0].time[:: weights.COARSE]
     clock = np.broadcast_to(time[:, None], (len(time), len(runs)))
     noise = np.mean([noise_of(run) for run in runs], axis=0)
@@ -179,6 +181,7 @@ def build(
             rest_terms=series(terms, few), inertia_terms=series(heavy, few),
             supply=series(supply, moved[0].time),
             clock=jnp.asarray(clock, jnp.float32),
+            running=jnp.asarray(clock <= ends, jnp.float32),
         )  # fmt: skip
         seen = np.stack([_padded(run.angle[:, index], rows) for run in runs])
         level = float(noise[index])

@@ -43,6 +43,7 @@ class Drive(NamedTuple):
     width: Array  # rad, play (geared plant only)
     stiffness: Array  # N m/rad (geared plant only)
     sensed: Array  # 1: encoder on the motor, 0: on the link (geared plant only)
+    link_share: Array  # of damping and dry friction, behind the gear (geared only)
     drag: Array  # N m s^2/rad^2
     spring: Array  # N m/rad
     bias: Array  # N m
@@ -65,6 +66,7 @@ class Grid(NamedTuple):
     inertia_terms: Array
     supply: Array  # load of the supply, 1 at its largest
     clock: Array  # s since the start of the run
+    running: Array  # 1 until the run ends, 0 after
 
 
 class Servo(NamedTuple):
@@ -117,10 +119,10 @@ def servo(
     return Servo(lagged, held, s.heat, integral), push
 
 
-def warmed(p: Drive, s: Servo, torque: Array, h: float) -> Servo:
+def warmed(p: Drive, g: Grid, s: Servo, torque: Array, h: float) -> Servo:
     """Heat of a motor: grows with torque squared, cools exponentially."""
     grown = jnp.square(torque / p.limit) - s.heat / p.cooling
-    return s._replace(heat=s.heat + h * grown)
+    return s._replace(heat=s.heat + h * g.running[:, None] * grown)
 
 
 def dry_friction(p: Drive, speed: Array, carried: Array) -> Array:
@@ -129,6 +131,15 @@ def dry_friction(p: Drive, speed: Array, carried: Array) -> Array:
     level = p.friction + p.stiction * fade + p.loaded * jnp.abs(carried)
     side = jnp.where(speed > 0.0, p.asymmetric, -p.asymmetric)
     return level + jnp.maximum(side, 0.0)
+
+
+def rubbing(p: Drive, share: Array) -> Drive:
+    """Numbers with a share only of the damping and of all dry friction."""
+    return p._replace(
+        damping=share * p.damping, friction=share * p.friction,
+        stiction=share * p.stiction, loaded=share * p.loaded,
+        asymmetric=share * p.asymmetric,
+    )  # fmt: skip
 
 
 def ripple(p: Drive, angle: Array) -> Array:
@@ -140,8 +151,9 @@ def ripple(p: Drive, angle: Array) -> Array:
 
 def link(p: Drive, g: Grid, q: Array, v: Array) -> tuple[Array, Array]:
     """Inertia of the link and the torque on it [R, S]."""
-    inertia = g.inertia[:, None] + jnp.einsum("rb,sb->rs", g.inertia_terms, p.terms)
-    load = g.rest[:, None] + jnp.einsum("rb,sb->rs", g.rest_terms, p.terms)
+    added = jnp.concatenate([g.inertia_terms, g.rest_terms]) @ p.terms.T
+    runs = len(g.inertia)
+    inertia, load = g.inertia[:, None] + added[:runs], g.rest[:, None] + added[runs:]
     load += g.slope[:, None] * (q - g.path[:, None])
     phase = p.frequency * g.clock[:, None]
     outside = p.wave_sin * jnp.sin(phase) + p.wave_cos * jnp.cos(phase)

@@ -191,8 +191,8 @@ def shapes(loads: list[Loads]) -> list[tuple[np.ndarray, np.ndarray]]:
     out = [(np.zeros(size), np.zeros(size)) for size in sizes]
     for joint in range(loads[0].draws[0].shape[1]):
         flat = np.concatenate([l.draws[0][:, joint] for l in loads])
-        _, _, right = np.linalg.svd(flat, full_matrices=False)
-        mix = right[:TERMS].T / np.sqrt(flat.shape[1])
+        _, right = np.linalg.eigh(flat.T @ flat)
+        mix = right[:, : -TERMS - 1 : -1] / np.sqrt(flat.shape[1])
         for (rest, inertia), load in zip(out, loads, strict=True):
             rest[:, joint] = load.draws[0][:, joint] @ mix
             inertia[:, joint] = load.draws[1][:, joint] @ mix

@@ -12,6 +12,7 @@ from gatjax.data.trajectories import JointRun
 WINDOW = 0.09  # s, of the local parabola that gives velocity and acceleration
 LEAD = 0.4  # s at rest before a run
 FINE = 5  # simulation steps between two points of a motion
+WHOLE = 2000  # steps: grids are multiples of it, so that logs share compiled programs
 
 
 class Motion(NamedTuple):
@@ -74,7 +75,7 @@ def grid_time(runs: list[JointRun], step: float) -> np.ndarray:
     """Grid of the simulations [K] s: a lead at rest, then the longest run."""
     lead = round(LEAD / step)
     longest = max(run.time[-1] - run.time[0] for run in runs)
-    count = -(-(lead + int(np.ceil(longest / step)) + 2) // FINE) * FINE
+    count = -(-(lead + int(np.ceil(longest / step)) + 2) // WHOLE) * WHOLE
     return (np.arange(count) - lead) * step
 
 

@@ -41,7 +41,8 @@ class Geared(NamedTuple):
     turned: Array  # motor
     turning: Array
     carried: Array
-    bristle: Array
+    bristle: Array  # of the motor
+    link_bristle: Array
     servo: Servo
 
     def seen(self, p: Drive) -> Array:
@@ -114,11 +115,12 @@ def rigid_step(p: Drive, g: Grid, u: Array, s: Rigid, h: float) -> Rigid:
     old = s.v, s.carried, s.bristle
     v, bristle, done = driven(p, push, old, inertia + p.armature, 0.0, aside, h)
     carried = inertia * (v - s.v) / h - torque
-    return Rigid(s.q + h * v, v, carried, bristle, laws.warmed(p, memory, done, h))
+    return Rigid(s.q + h * v, v, carried, bristle, laws.warmed(p, g, memory, done, h))
 
 
 def geared_step(p: Drive, g: Grid, u: Array, s: Geared, h: float) -> Geared:
     """One step of motor, gap with spring, and link."""
+    near, far = laws.rubbing(p, 1.0 - p.link_share), laws.rubbing(p, p.link_share)
     seen = s.seen(p) + p.zero_in
     memory, push = laws.servo(p, g, u, s.servo, seen, s.turning, h)
     inertia, torque = laws.link(p, g, s.q, s.v)
@@ -127,17 +129,20 @@ def geared_step(p: Drive, g: Grid, u: Array, s: Geared, h: float) -> Geared:
     loss = 2.0 * DAMPING_RATIO * jnp.sqrt(p.stiffness * reduced)
     tie = jnp.where(beyond != 0.0, h * (h * p.stiffness + loss), 0.0)
     spring = h * p.stiffness * beyond
-    low = inertia + tie
+    low = inertia + tie + h * far.damping
     onto = inertia * s.v + spring + h * torque
     aside = -spring + tie * onto / low + h * laws.ripple(p, s.turned)
     old = s.turning, s.carried, s.bristle
     bare = tie - tie * tie / low
-    turning, bristle, done = driven(p, push, old, p.armature, bare, aside, h)
-    v = (onto + tie * turning) / low
+    turning, bristle, done = driven(near, push, old, p.armature, bare, aside, h)
+    free = (onto + tie * turning) / low
+    v, link_bristle = rubbed(far, free, low, s.carried, s.link_bristle, h)
     carried = (spring + tie * (turning - v)) / h
-    memory = laws.warmed(p, memory, done, h)
+    memory = laws.warmed(p, g, memory, done, h)
     turned = s.turned + h * turning
-    return Geared(s.q + h * v, v, turned, turning, carried, bristle, memory)
+    return Geared(
+        s.q + h * v, v, turned, turning, carried, bristle, link_bristle, memory
+    )
 
 
 def _delayed(target: Array, delay: Array, h: float) -> Any:
@@ -161,7 +166,7 @@ def _simulate(p: Drive, grid: Grid, h: float, geared: bool) -> tuple[Any, Array]
     memory = Servo(first, first, zero, zero)
     start: Any = Rigid(first, zero, zero, zero, memory)
     if geared:
-        start = Geared(first, zero, first, zero, zero, zero, memory)
+        start = Geared(first, zero, first, zero, zero, zero, zero, memory)
     advance: Any = geared_step if geared else rigid_step
 
     def step(state: Any, x: tuple) -> tuple[Any, Array]:
@@ -187,7 +192,7 @@ def _read(p: Drive, seen: Array, time: Array, lead: int, h: float) -> Array:
 
 
 class Outcome(NamedTuple):
-    """Of S simulations: readings [R, N, S] and angle [K, R, S] rad, heat [R, S]."""
+    """Of S simulations: readings [R, N, S], angle [K, R, S] rad, last heat [R, S]."""
 
     readings: Array
     angle: Array

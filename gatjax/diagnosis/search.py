@@ -16,6 +16,7 @@ RIVALS = 8  # fits that are returned; those that were dropped are not at their b
 BEHIND = 40.0  # nats behind the best: dropped
 PROMISING = 2.0  # nats: less is nothing
 SHAKEN, TRIES = 2, 96  # fits that are restarted, and from how many neighbours
+FEW = 20  # starts at most of a cause that tolerances may imitate
 ROUGH = 1.6  # times the noise: a fit that leaves more may be in a bad place
 CALM, SPARE = 1.35, 18.0  # times the noise; squared deviations of all tolerances
 
@@ -53,7 +54,15 @@ def scan(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
         ]
         tries.sort(key=lambda option: option[0])
         options += [(owner, np.append(x, own)) for _, x, own in tries[:STARTS]]
-    return fits.start(joint, options)
+    found = fits.start(joint, options)
+    return [_lent(fit, base) for fit in found]
+
+
+def _lent(fit: Fit, base: Fit) -> Fit:
+    """A start with the slopes that tolerances have without its cause."""
+    slopes = np.zeros_like(fit.slopes)
+    slopes[:, :COUNT] = base.slopes[:, :COUNT]
+    return fit._replace(slopes=slopes, age=1)
 
 
 def _is_sine(hypothesis: Hypothesis) -> bool:
@@ -98,16 +107,17 @@ def _solved(
 def explain(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
     """Fits of the bank's best hypotheses, best first, one per cause and variant.
 
-    The scan starts from the fit and from the nominal model: tolerances that imitate a
-    cause are a bad place to look for it.
+    The scan starts from the fit and then from the nominal model: tolerances that
+    imitate a cause are a bad place to look for it.
     """
-    plain = base.x.copy()
-    plain[:COUNT] = 0.0
-    fresh = fits.start(joint, [(base.hypothesis, plain)])[0]
-    found = scan(joint, base, bank) + scan(joint, fresh, bank)
+    found = scan(joint, base, bank)
     known = fits.evidence(joint, base)
     if _unsuspicious(joint, base, [fits.evidence(joint, f) - known for f in found]):
         return _best(found, KEPT[-1])
+    plain = base.x.copy()
+    plain[:COUNT] = 0.0
+    fresh = fits.start(joint, [(base.hypothesis, plain)])[0]
+    found += scan(joint, fresh, tuple(h for h in bank if len(h.starts) < FEW))
     dropped: list[Fit] = []
     for kept, rounds in zip(KEPT, ROUNDS, strict=True):
         dropped += _best(found, len(found))[kept:]

@@ -23,7 +23,7 @@ def smallest(judge: Judge) -> list[dict[str, Any]]:
     A cause of a size is simulated beside all that is known; what tolerances cannot
     imitate of it, to first order, has to be worth a finding.
     """
-    bank = [h for h in CAUSES if len(h.low) == 1]
+    bank = [h for h in CAUSES if len(h.low) == 1 or h.geared]
     best: dict[str, dict[str, Any]] = {}
     for joint, known in zip(judge.joints, judge.known, strict=True):
         base = fits.linearised(joint, [known])[0]
@@ -31,7 +31,7 @@ def smallest(judge: Judge) -> list[dict[str, Any]]:
             size = _threshold(sizes, gains)
             if size is None:
                 continue
-            values = hypothesis.values(joint, np.array([size]))
+            values = hypothesis.values(joint, _own(hypothesis, size))
             name, value = next(iter(values.items()))
             row = {
                 "cause": hypothesis.cause, "where": [joint.name], "value": float(value),
@@ -52,7 +52,7 @@ def _gains(
     """Nats that each size of each cause would be worth [LEVELS]."""
     ladders = [np.linspace(h.low[0], h.high[0], LEVELS) for h in bank]
     points = [
-        (combined(base.hypothesis, h), np.append(base.x, size))
+        (combined(base.hypothesis, h), np.concatenate([base.x, _own(h, size)]))
         for h, sizes in zip(bank, ladders, strict=True) for size in sizes
     ]  # fmt: skip
     shift = fits.residuals(joint, points) - base.residual[:, None]
@@ -66,6 +66,11 @@ def _gains(
         (h, sizes, gain[k * LEVELS : (k + 1) * LEVELS])
         for k, (h, sizes) in enumerate(zip(bank, ladders, strict=True))
     ]
+
+
+def _own(hypothesis: Hypothesis, size: float) -> np.ndarray:
+    """Coordinates of a size, the others where their search starts."""
+    return np.array([size, *hypothesis.starts[0][1:]])
 
 
 def _threshold(sizes: np.ndarray, gains: np.ndarray) -> float | None:

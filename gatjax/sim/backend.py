@@ -53,6 +53,7 @@ def use_compile_cache() -> None:
     """Keep compiled programs in the user's cache folder, across runs."""
     root = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
     jax.config.update("jax_compilation_cache_dir", str(root / "gatjax" / "xla"))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 
 
 def default_backend() -> str:
