@@ -21,9 +21,9 @@ Array = Any
 def delay(period: float, longest: float) -> Effect:
     """Hand on the target late; params: delay in s, 0 <= delay <= longest.
 
-    Between whole calls the two nearest targets are mixed linearly. The weights are
-    built with floor and where, so that gradients are right at whole calls and at both
-    ends too (a clip halves them there).
+    Between whole calls the two nearest targets are mixed linearly. The number of calls
+    is limited with where, so that gradients are right at both ends too (a clip halves
+    them there).
     """
     slots = int(np.ceil(longest / period - 1e-9)) + 1
 
@@ -37,13 +37,14 @@ def delay(period: float, longest: float) -> Effect:
         held = xp.concatenate([newest, held[..., :-1, :]], axis=-2)
         calls, most = seconds / period, slots - 1.0
         calls = xp.where(calls < 0.0, 0.0, xp.where(calls > most, most, calls))
+        calls = xp.broadcast_to(calls, signal.target.shape)
         whole = xp.floor(calls)
-        part = (calls - whole)[..., None, :] if xp.ndim(calls) else calls - whole
-        whole = whole[..., None, :] if xp.ndim(calls) else whole
-        index = xp.arange(slots + 1, dtype=signal.target.dtype)[:, None]
-        weight = (index == whole) * (1.0 - part) + (index == whole + 1.0) * part
-        weight = xp.broadcast_to(weight, held.shape)
-        return held, signal._replace(target=(weight * held).sum(-2))
+        first = whole.astype(int)[..., None, :]
+        newer, older = (
+            xp.take_along_axis(held, index, axis=-2)[..., 0, :]
+            for index in (first, xp.minimum(first + 1, slots))
+        )
+        return held, signal._replace(target=newer + (calls - whole) * (older - newer))
 
     return Effect(init, apply)
 
