@@ -138,7 +138,7 @@ def test_every_cause_of_the_bank_is_in_the_catalogue():
 
 
 @pytest.mark.parametrize("name", [
-    pytest.param(each, marks=LOADED if each == "load_friction" else ())
+    pytest.param(each, marks=LOADED if each == "load_friction of the link's torque" else ())
     for each in NAMES
 ])  # fmt: skip
 def test_a_cause_moves_the_joint_the_same(name, world, plain):

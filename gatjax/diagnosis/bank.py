@@ -58,6 +58,16 @@ def _positive(
     )  # fmt: skip
 
 
+def _of(base: Hypothesis, variant: str, fixed: Numbers) -> Hypothesis:
+    """The same cause with some numbers fixed."""
+
+    def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
+        base.put(drive, joint, x)
+        drive.update(fixed)
+
+    return base._replace(variant=variant, put=put)
+
+
 def _variant(
     base: Hypothesis, variant: str, fixed: Numbers, values: Numbers
 ) -> Hypothesis:
@@ -184,9 +194,12 @@ def _thermal() -> Hypothesis:
     )  # fmt: skip
 
 
+_SPEEDS = (0.5, 0.8, 1.2, 1.8, 2.7, 4.0, 6.0, 9.0)  # rad/s
+
+
 def _torque_speed() -> Hypothesis:
     """Torque-speed line; the catalogue's limit is the speed that friction allows."""
-    base = _positive("speed_limit", "limit", "speed", 0.3, 30.0, (1.2, 2.5, 5.0, 10.0))
+    base = _positive("speed_limit", "limit", "speed", 0.3, 30.0, _SPEEDS)
 
     def values(joint: Joint, x: np.ndarray) -> Numbers:
         n, zero = joint.nominal, float(np.exp(x[0]))
@@ -234,10 +247,13 @@ def _spring() -> Hypothesis:
     )  # fmt: skip
 
 
+_BANDS = tuple(np.geomspace(0.003, 0.08, 10))  # rad
+_SHARES = tuple(np.geomspace(0.05, 0.85, 16))  # of a limit
 _QUANTA = tuple(np.geomspace(0.004, 0.15, 150))
 _CYCLES = tuple(np.geomspace(3.0, 40.0, 20))
 _FREQUENCIES = tuple(2.0 * np.pi * np.geomspace(0.1, 8.0, 26))
-_WIDTH = _positive("backlash", "width", "width", 0.002, 0.3, (0.008, 0.02, 0.06))
+_LOAD = _positive("load_friction", "coefficient", "loaded", 0.02, 3.0, (0.1, 0.3, 0.8))
+_WIDTH = _positive("backlash", "width", "width", 0.002, 0.2, (0.008, 0.02, 0.04, 0.08))
 _SPRING = _positive(
     "joint_elasticity", "stiffness", "stiffness", 0.05, 60.0, (0.3, 1.0, 3.0), _gain
 )
@@ -252,9 +268,9 @@ CAUSES: tuple[Hypothesis, ...] = (
     ),
     _factor("gain_error", "kp", 0.05, 5.0, (0.4, 0.7, 1.4, 2.0)),
     _factor("damping_error", "kv", 0.02, 60.0, (0.3, 2.0, 6.0, 20.0)),
-    _factor("torque_limit", "limit", 0.02, 0.97, (0.7, 0.45, 0.25, 0.1)),
+    _factor("torque_limit", "limit", 0.02, 0.97, _SHARES),
     _torque_speed(),
-    _positive("speed_limit", "limit", "rate", 0.2, 20.0, (0.7, 1.5, 3.0, 6.0))._replace(
+    _positive("speed_limit", "limit", "rate", 0.2, 20.0, _SPEEDS)._replace(
         variant="target"
     ),
     _positive(
@@ -266,10 +282,11 @@ CAUSES: tuple[Hypothesis, ...] = (
         True,
     ),
     _stiction(),
-    _positive("load_friction", "coefficient", "loaded", 0.02, 3.0, (0.1, 0.3, 0.8)),
+    _of(_LOAD, "of the link's torque", {"by_servo": 0.0}),
+    _of(_LOAD, "of the servo's torque", {"by_servo": 1.0}),
     _variant(_WIDTH, "encoder on link", {"sensed": 0.0}, {"encoder_on_motor": 0.0}),
     _variant(_WIDTH, "encoder on motor", {"sensed": 1.0}, {"encoder_on_motor": 1.0}),
-    _positive("dead_band", "half_width", "dead", 0.002, 0.2, (0.01, 0.02, 0.04, 0.08)),
+    _positive("dead_band", "half_width", "dead", 0.002, 0.2, _BANDS),
     _positive(
         "command_quantization", "step", "quantum", 0.003, 0.2, _QUANTA, step=0.004
     ),

@@ -27,6 +27,7 @@ from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined, pinned
 from gatjax.diagnosis.joint import Joint
 
 NOISY = 1.7  # times the noise that the best cause leaves: commands may be lost
+DECODED = 1.8  # times the noise at most, that decoded losses leave
 MOST = 4  # shared causes that are looked into
 BODIES = 2  # bodies that are looked into closely
 CHANGED = 3.0  # nats: a joint whose evidence changed less keeps its fits
@@ -299,6 +300,8 @@ class Judge:
 
         out = []
         for index, loss in zip(noisy, mapped(one, noisy), strict=True):
+            if loss.fit.rms() > DECODED * self.joints[index].noise:
+                continue
             gain = self.score(index, loss.fit, loss.joint) - loss.price - PLACE
             claim = Claim(drops.LOST, np.zeros(0), (index,), {index: loss.fit}, gain)
             out.append(claim._replace(lost={index: loss.lost}))

@@ -30,6 +30,7 @@ class Drive(NamedTuple):
     creep: Array  # rad/s, speed at which stiction has faded
     give: Array  # rad, that dry friction yields before it slips
     loaded: Array  # friction per transmitted torque
+    by_servo: Array  # 1: that is the servo's torque, 0: what reaches the link
     asymmetric: Array  # N m, positive: when moving in the positive direction
     ripple_sin: Array  # N m
     ripple_cos: Array
@@ -44,6 +45,7 @@ class Drive(NamedTuple):
     stiffness: Array  # N m/rad (geared plant only)
     sensed: Array  # 1: encoder on the motor, 0: on the link (geared plant only)
     link_share: Array  # of damping and dry friction, behind the gear (geared only)
+    pull: Array  # 1/s, towards the measured angle
     drag: Array  # N m s^2/rad^2
     spring: Array  # N m/rad
     bias: Array  # N m
@@ -125,11 +127,14 @@ def warmed(p: Drive, g: Grid, s: Servo, torque: Array, h: float) -> Servo:
     return s._replace(heat=s.heat + h * g.running[:, None] * grown)
 
 
-def dry_friction(p: Drive, speed: Array, carried: Array) -> Array:
-    """Largest dry friction torque at a speed: Coulomb, Stribeck, load, direction."""
+def dry_friction(p: Drive, speed: Array, heading: Array, carried: Array) -> Array:
+    """Largest dry friction torque at a speed: Coulomb, Stribeck, load, direction.
+
+    `heading` has the sign of where a joint moves, or would if it did not stick.
+    """
     fade = jnp.exp(-jnp.square(speed / p.creep))
     level = p.friction + p.stiction * fade + p.loaded * jnp.abs(carried)
-    side = jnp.where(speed > 0.0, p.asymmetric, -p.asymmetric)
+    side = jnp.where(heading > 0.0, p.asymmetric, -p.asymmetric)
     return level + jnp.maximum(side, 0.0)
 
 

@@ -24,7 +24,7 @@ class Rigid(NamedTuple):
 
     q: Array
     v: Array
-    carried: Array  # torque through the gear, N m
+    carried: Array  # torque that load friction goes by, N m
     bristle: Array  # rad, what dry friction has yielded
     servo: Servo
 
@@ -55,14 +55,16 @@ def _beyond(twist: Array, half: Array) -> Array:
 
 
 def rubbed(
-    p: Drive, free: Array, solid: Array, carried: Array, bristle: Array, h: float
+    p: Drive, free: Array, solid: Array, old: tuple[Array, Array, Array], h: float
 ) -> tuple[Array, Array]:
     """Speed and bristle after dry friction: an elastic, perfectly plastic element.
 
     It yields like a spring up to `give`, then slips at the friction level (Prandtl
-    1928); solved implicitly, so that it neither creeps nor chatters.
+    1928); solved implicitly, so that it neither creeps nor chatters. `free` is the
+    speed without friction, `old` as in `driven`.
     """
-    level = laws.dry_friction(p, free, carried)
+    speed, carried, bristle = old
+    level = laws.dry_friction(p, speed, free, carried)
     stiff = h * level / p.give
     stuck = (solid * free - stiff * bristle) / (solid + h * stiff)
     moved = bristle + h * stuck
@@ -89,7 +91,7 @@ def driven(
         aside: impulse of everything but servo, damping and dry friction, N m s.
         h: step, s.
     """
-    speed, carried, bristle = old
+    speed = old[0]
 
     def freely(resist: Array, force: Array) -> tuple[Array, Array]:
         solid = mass + bound_mass + 0.5 * h * resist
@@ -102,7 +104,7 @@ def driven(
     inside = bound == asked
     resist = p.damping + jnp.where(inside, p.kv, 0.0)
     free, solid = freely(resist, jnp.where(inside, push.push, bound))
-    new, bristle = rubbed(p, free, solid, carried, bristle, h)
+    new, bristle = rubbed(p, free, solid, old, h)
     done = jnp.where(inside, push.push - 0.5 * p.kv * (speed + new), bound)
     return new, bristle, done
 
@@ -114,8 +116,10 @@ def rigid_step(p: Drive, g: Grid, u: Array, s: Rigid, h: float) -> Rigid:
     aside = h * (torque + laws.ripple(p, s.q))
     old = s.v, s.carried, s.bristle
     v, bristle, done = driven(p, push, old, inertia + p.armature, 0.0, aside, h)
-    carried = inertia * (v - s.v) / h - torque
-    return Rigid(s.q + h * v, v, carried, bristle, laws.warmed(p, g, memory, done, h))
+    through = inertia * (v - s.v) / h - torque
+    carried = through + p.by_servo * (done - through)
+    q = s.q + h * (v + p.pull * (g.path[:, None] - s.q))
+    return Rigid(q, v, carried, bristle, laws.warmed(p, g, memory, done, h))
 
 
 def geared_step(p: Drive, g: Grid, u: Array, s: Geared, h: float) -> Geared:
@@ -136,12 +140,14 @@ def geared_step(p: Drive, g: Grid, u: Array, s: Geared, h: float) -> Geared:
     bare = tie - tie * tie / low
     turning, bristle, done = driven(near, push, old, p.armature, bare, aside, h)
     free = (onto + tie * turning) / low
-    v, link_bristle = rubbed(far, free, low, s.carried, s.link_bristle, h)
-    carried = (spring + tie * (turning - v)) / h
+    v, link_bristle = rubbed(far, free, low, (s.v, s.carried, s.link_bristle), h)
+    through = (spring + tie * (turning - v)) / h
+    carried = through + p.by_servo * (done - through)
     memory = laws.warmed(p, g, memory, done, h)
-    turned = s.turned + h * turning
+    pulled = p.pull * (g.path[:, None] - s.seen(p))
+    turned = s.turned + h * (turning + pulled)
     return Geared(
-        s.q + h * v, v, turned, turning, carried, bristle, link_bristle, memory
+        s.q + h * (v + pulled), v, turned, turning, carried, bristle, link_bristle, memory
     )
 
 
@@ -158,8 +164,8 @@ def _delayed(target: Array, delay: Array, h: float) -> Any:
     return at
 
 
-def _simulate(p: Drive, grid: Grid, h: float, geared: bool) -> tuple[Any, Array]:
-    """Last state, and the encoder's angle [K, R, S], from rest at the first command."""
+def _simulate(p: Drive, grid: Grid, h: float, geared: bool) -> tuple:
+    """Last state, angles at the encoder and of the link [K, R, S]; from rest."""
     at = _delayed(grid.target.T, p.delay, h)
     first = at(jnp.zeros((), jnp.int32))
     zero = jnp.zeros_like(first)
@@ -169,13 +175,14 @@ def _simulate(p: Drive, grid: Grid, h: float, geared: bool) -> tuple[Any, Array]
         start = Geared(first, zero, first, zero, zero, zero, zero, memory)
     advance: Any = geared_step if geared else rigid_step
 
-    def step(state: Any, x: tuple) -> tuple[Any, Array]:
+    def step(state: Any, x: tuple) -> tuple[Any, tuple]:
         k, g = x
         state = advance(p, g, at(k), state, h)
-        return state, state.seen(p)
+        return state, (state.seen(p), state.q if geared else None)
 
     count = jnp.arange(grid.target.shape[0], dtype=jnp.int32)
-    return jax.lax.scan(step, start, (count, grid))
+    state, (seen, link) = jax.lax.scan(step, start, (count, grid))
+    return state, seen, link if geared else seen
 
 
 def _read(p: Drive, seen: Array, time: Array, lead: int, h: float) -> Array:
@@ -192,7 +199,7 @@ def _read(p: Drive, seen: Array, time: Array, lead: int, h: float) -> Array:
 
 
 class Outcome(NamedTuple):
-    """Of S simulations: readings [R, N, S], angle [K, R, S] rad, last heat [R, S]."""
+    """Of S simulations: readings [R, N, S], link's angle [K, R, S], last heat [R, S]."""
 
     readings: Array
     angle: Array
@@ -203,8 +210,8 @@ def _run(
     p: Drive, grid: Grid, time: Array, lead: int, h: float, geared: bool
 ) -> Outcome:
     p = Drive(*(number[None] for number in p[:-1]), terms=p.terms)
-    state, seen = _simulate(p, grid, h, geared)
-    return Outcome(_read(p, seen, time, lead, h), seen, state.servo.heat)
+    state, seen, link = _simulate(p, grid, h, geared)
+    return Outcome(_read(p, seen, time, lead, h), link, state.servo.heat)
 
 
 simulate = jax.jit(_run, static_argnames=("lead", "h", "geared"))

@@ -29,7 +29,7 @@ def healthy(joint: Joint, x: np.ndarray | None = None) -> Fit:
 
 
 def scan(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
-    """Best starts of every hypothesis added to a fit, the rest adjusted linearly.
+    """Best starts of every hypothesis added to a fit, the rest adjusted linearly or not.
 
     Sine laws start as pairs of equal rate, whose two amplitudes are solved for.
     """
@@ -54,6 +54,8 @@ def scan(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
         ]
         tries.sort(key=lambda option: option[0])
         options += [(owner, np.append(x, own)) for _, x, own in tries[:STARTS]]
+        plain = np.square(base.residual[:, None] + shifts).sum(0)
+        options.append((owner, np.append(base.x, starts[int(np.argmin(plain))])))
     found = fits.start(joint, options)
     return [_lent(fit, base) for fit in found]
 

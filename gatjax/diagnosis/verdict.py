@@ -75,7 +75,8 @@ def decide(case: Case, tell: Callable[[str, float], None]) -> Verdict:
             break
         causes.append(cause)
         judge.accept(best)
-        claims = [claim for claim in judge.claims() if not _again(claim, causes)]
+        count = len(judge.joints)
+        claims = [c for c in judge.claims() if not _again(c, causes, count)]
     left = [k for k in range(len(judge.joints)) if not adequate(judge, case, k)]
     if law is not None:
         left = sorted({*left, *law.where})
@@ -110,10 +111,10 @@ def explained(judge: Judge, claim: Claim) -> float:
     return 1.0 if calm else 1.0 - max(after, 0.0) / max(before, 1e-9)
 
 
-def _again(claim: Claim, causes: list[Cause]) -> bool:
-    """Whether a claim repeats a cause at a place where it is known already."""
+def _again(claim: Claim, causes: list[Cause], joints: int) -> bool:
+    """Whether a claim repeats a cause, or its alias, where it is known already."""
     return any(
-        claim.hypothesis.cause == known.claim.hypothesis.cause
+        claim.hypothesis.cause in alias(known.claim.hypothesis, joints)
         and set(claim.where) & set(known.claim.where)
         for known in causes
     )
