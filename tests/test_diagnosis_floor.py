@@ -163,7 +163,7 @@ def _swing(
 def test_single_joints_move_as_in_the_full_simulation(model: mujoco.MjModel) -> None:
     run, channels = logged(model)
     robot = standing.prepare(model, [run], [channels], PERIOD, silent)
-    moved, loads = standing.weigh(robot)
+    moved, loads = robot.weigh([], [])
     ready = joints.build(model, robot.tree, NAMES, [run], moved, loads)
     time = grid_time([run], STEP)[::FINE]
     trace = weights.trace(robot.tree, run, time)

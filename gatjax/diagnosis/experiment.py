@@ -9,10 +9,11 @@ import numpy as np
 
 from gatjax.diagnosis import extend
 from gatjax.diagnosis.claims import Claim
+from gatjax.diagnosis.measure import fallen
 from gatjax.diagnosis.verdict import Verdict
 from gatjax.motions import MENU
 from gatjax.sim import world as worlds
-from gatjax.sim.limbs import limbs_of, put_down
+from gatjax.sim.limbs import floats, limbs_of, put_down
 from gatjax.sim.replay import replay_many
 from gatjax.sim.world import World, stacked
 from gatjax.task import Task
@@ -61,6 +62,7 @@ def propose(
     limbs = limbs_of(named[0].model)
     moving = np.zeros(len(limbs.names), bool)
     moving[sorted({k for claim in claims for k in claim.where})] = True
+    moving |= any(claim.stance is not None for claim in claims)
     best: tuple[float, str] = (-1.0, "")
     for motion in MENU.values():
         target = motion.build(
@@ -88,14 +90,17 @@ def _world(
     """The nominal world with some causes only."""
     world = worlds.nominal(Task(control_period=period), source)
     for claim in claims:
-        where = extend.places(verdict, claim)
-        values = extend.world_values(verdict, claim)
+        where = extend.places(verdict.judge, claim)
+        values = extend.world_values(verdict.judge, claim)
         world = worlds.add_cause(world, claim.hypothesis.cause, where, values)
     return world
 
 
 def _separation(pair: list[World], target: np.ndarray, verdict: Verdict) -> float:
-    """RMS difference of two worlds' readings in standard deviations of the noise."""
+    """RMS difference of two worlds' readings in standard deviations of the noise.
+
+    A motion that one of them falls at separates nothing.
+    """
     period = pair[0].task.control_period
     lead = round(SETTLE / period)
     commands = np.concatenate([np.repeat(target[:1], lead, 0), target])[None]
@@ -106,6 +111,8 @@ def _separation(pair: list[World], target: np.ndarray, verdict: Verdict) -> floa
         rows = replay_many(
             world, stacked([world.values]), commands, qpos, np.zeros(world.model.nv)
         )
+        if floats(world.model) and fallen(np.asarray(rows.up)).any():
+            return 0.0
         played.append(np.asarray(rows.reading.angle)[0, lead:])
     apart = np.sqrt(np.mean(np.square((played[0] - played[1]) / noise)))
     return float(apart) if np.isfinite(apart) else 0.0

@@ -11,6 +11,7 @@ import numpy as np
 from gatjax.diagnosis import plant
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.hypotheses import COUNT, RELATIVE, TOLERANCES, numbers
+from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.verdict import Verdict
 from gatjax.effects.catalogue import CATALOGUE
 from gatjax.sim import world as worlds
@@ -22,10 +23,11 @@ LEAST = 0.25  # of its tolerance: a smaller correction is left out
 Row = dict[str, Any]
 
 
-def parameters(verdict: Verdict, claim: Claim) -> dict[str, float]:
+def parameters(judge: Judge, claim: Claim) -> dict[str, float]:
     """A claim's parameters under the catalogue's names, SI; the scored one first."""
-    case = verdict.judge.case
-    index = claim.where[0]
+    if claim.stance is not None:
+        return claim.stance.values
+    case, index = judge.case, claim.where[0]
     if claim.lost:
         commands = {k: case.commands(k) for k in claim.lost}
         lost = sum(int(m.sum()) for masks in claim.lost.values() for m in masks)
@@ -42,18 +44,17 @@ def parameters(verdict: Verdict, claim: Claim) -> dict[str, float]:
             "probability": lost / max(told, 1),
             "burst": max(lost / max(bursts, 1), 1.0),
         }
-    joint = verdict.judge.joints[index]
+    joint = judge.joints[index]
     values = claim.hypothesis.values(joint, claim.own)
     return {name: float(value) for name, value in values.items()}
 
 
-def world_values(verdict: Verdict, claim: Claim) -> dict[str, float]:
+def world_values(judge: Judge, claim: Claim) -> dict[str, float]:
     """A claim's parameters as the World's effect takes them."""
-    values = parameters(verdict, claim)
-    cause, nominal = (
-        claim.hypothesis.cause,
-        verdict.judge.joints[claim.where[0]].nominal,
-    )
+    values = parameters(judge, claim)
+    if claim.stance is not None:
+        return values
+    cause, nominal = claim.hypothesis.cause, judge.joints[claim.where[0]].nominal
     if cause == "speed_limit":
         on_motor = "no_torque_speed" in values
         limit = values.get("no_torque_speed", values["limit"])
@@ -62,7 +63,7 @@ def world_values(verdict: Verdict, claim: Claim) -> dict[str, float]:
         heat = values["lost_fraction"] * nominal["limit"] ** 2 / np.exp(claim.own[0])
         return values | {"heat": float(max(heat, 1e-6))}
     if cause == "supply_sag":
-        return values | {"total": verdict.judge.case.supply}
+        return values | {"total": judge.case.supply}
     if cause == "backlash":
         return values | {"link_share": 0.0}
     if cause == "joint_elasticity":
@@ -70,9 +71,11 @@ def world_values(verdict: Verdict, claim: Claim) -> dict[str, float]:
     return values
 
 
-def places(verdict: Verdict, claim: Claim) -> list[str]:
-    """Names of the joints of a claim, or ["all"]."""
-    joints = verdict.judge.joints
+def places(judge: Judge, claim: Claim) -> list[str]:
+    """Names of the joints of a claim, or ["all"]; imu, ground or a foot."""
+    joints = judge.joints
+    if claim.stance is not None:
+        return [claim.stance.where]
     if CATALOGUE[claim.hypothesis.cause].place == "all":
         return ["all"]
     if len(claim.where) == len(joints) > 1:
@@ -125,8 +128,8 @@ def extended(
     world = worlds.nominal(Task(control_period=period), source, float(step))
     for cause in verdict.causes:
         claim = cause.claim
-        where = places(verdict, claim)
-        values = world_values(verdict, claim)
+        where = places(verdict.judge, claim)
+        values = world_values(verdict.judge, claim)
         world = worlds.add_cause(world, claim.hypothesis.cause, where, values)
     for row in rows:
         world = worlds.add_cause(
@@ -143,6 +146,7 @@ def write_model(path: Path, world: World) -> list[str]:
         world: with a model file as its source.
     """
     spec = mujoco.MjSpec.from_file(str(world.source))
+    spec.compile()
     changed, model = worlds.fields_applied(world), world.model
     for k in range(model.nu):
         joint = spec.joint(model.joint(int(model.actuator_trnid[k, 0])).name)
@@ -161,12 +165,29 @@ def write_model(path: Path, world: World) -> list[str]:
         if not np.allclose(changed.body_ipos[k], model.body_ipos[k]):
             body.ipos[:] = changed.body_ipos[k]
     spec.option.gravity[:] = changed.opt.gravity
+    _write_geoms(spec, model, changed)
     path.write_text(spec.to_xml(), encoding="utf-8")
     return [
         f"{row['cause']} at {', '.join(row['where'])}: {_told(row['values'])}"
         for row in world.causes
         if any(part.slot != "body" for part in CATALOGUE[row["cause"]].parts)
     ]
+
+
+def _write_geoms(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, changed: mujoco.MjModel
+) -> None:
+    """Write what a world changes in floor and soles."""
+    for geom in spec.geoms:
+        k = geom.id
+        if not np.allclose(changed.geom_friction[k], model.geom_friction[k]):
+            geom.friction[:] = changed.geom_friction[k]
+        if not np.allclose(changed.geom_solref[k], model.geom_solref[k]):
+            geom.solref[:] = changed.geom_solref[k]
+        if not np.allclose(changed.geom_pos[k], model.geom_pos[k]):
+            geom.pos[:] = changed.geom_pos[k]
+        if not np.allclose(changed.geom_quat[k], model.geom_quat[k]):
+            geom.quat[:] = changed.geom_quat[k]
 
 
 def _told(values: dict[str, float]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 from collections.abc import Callable
 
@@ -36,6 +37,8 @@ RIVAL = 0.4  # of the best gain at a joint: a body cause must come that near
 class Judge:
     """Finds the claims that explain a case best, given what is explained already."""
 
+    most = 3  # causes of a case
+
     def __init__(self, case: Case, tell: Callable[[str, float], None]) -> None:
         """Start from the tolerances."""
         self.case = case
@@ -60,6 +63,13 @@ class Judge:
             moved = abs(self._evidence(index) - old) > CHANGED
             if moved or index in claim.fits:
                 self.found.pop(index, None)
+
+    def fork(self) -> Judge:
+        """A judge of the same that may accept another claim."""
+        other = copy.copy(self)
+        other.joints, other.known = list(self.joints), list(self.known)
+        other.accepted, other.found = list(self.accepted), dict(self.found)
+        return other
 
     def _evidence(self, index: int) -> float:
         return fits.evidence(self.joints[index], self.known[index])
@@ -111,6 +121,14 @@ class Judge:
             change = np.sqrt(np.mean(np.square(alone.residual - plain[0].residual)))
             largest = max(largest, float(change / scatter))
         return largest
+
+    def confirmed(self, claim: Claim) -> bool:
+        """Whether more than the fits of its joints bears a claim out."""
+        return False
+
+    def tolerates(self, index: int) -> bool:
+        """Whether a joint may leave more than its own tolerances explain."""
+        return False
 
     def _bearing(self, index: int, claim: Claim) -> Joint:
         """A joint of the case as a claim sees it."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gatjax.diagnosis.claims import PLACE, PRICE
-from gatjax.diagnosis.floor import causes, estimate
+from gatjax.diagnosis.floor import causes, estimate, played
 from gatjax.diagnosis.floor.causes import Known, Suspect
 from gatjax.diagnosis.floor.observed import (
     Observed,
@@ -18,7 +18,7 @@ from gatjax.diagnosis.floor.observed import (
     weighed,
     widened,
 )
-from gatjax.diagnosis.floor.played import Rows, replayed
+from gatjax.diagnosis.floor.played import Rows
 from gatjax.diagnosis.floor.standing import Standing
 from gatjax.effects.sensor import turned
 from gatjax.sim.world import World
@@ -41,6 +41,7 @@ class FloorClaim(NamedTuple):
     high: float
     gain: float  # nats over what was known before, prices paid
     channels: dict[str, float]  # nats of each channel
+    visibility: float  # RMS change over the scatter from tolerances
 
 
 class Scene(NamedTuple):
@@ -53,56 +54,71 @@ class Scene(NamedTuple):
     known: Weighed
 
 
-def claims(
-    standing: Standing, tell: Callable[[str, float], None], known: Known = ()
-) -> list[FloorClaim]:
+def claims(scene: Scene, tell: Callable[[str, float], None]) -> list[FloorClaim]:
     """All claims, best first.
 
     Args:
-        standing: what `prepare` made ready.
+        scene: the robot and what is known of it.
         tell: is called with a stage and the share of it that is done.
-        known: causes that are named already; they stay in every simulation.
     """
-    scene = _scene(standing, known)
     suspects = causes.suspects(standing.model)
     nodes = [
         suspect.world(scene.world, x) for suspect in suspects for x in suspect.nodes
     ]
-    played = _predicted(scene, nodes)
-    scene = _tolerant(scene, suspects, played)
+    seen = _predicted(scene, nodes)
+    scene = _tolerant(scene, suspects, seen)
     found, first = [_imu(scene)], 0
     for number, suspect in enumerate(suspects):
         tell("floor", number / len(suspects))
-        mine = played[first : first + len(suspect.nodes)]
+        mine = seen[first : first + len(suspect.nodes)]
         first += len(suspect.nodes)
         fitted = _leaning if len(suspect.axes) > 1 else _along
         found.append(fitted(scene, suspect, mine))
     return sorted(found, key=lambda claim: -claim.gain)
 
 
-def _scene(standing: Standing, known: Known) -> Scene:
+def scene(standing: Standing, known: Known = ()) -> Scene:
+    """A standing robot as claims are weighed; known causes stay in every simulation."""
     one = standing.ensembles[0]
     world = causes.extended(one.world, known)
     seen = observe(standing)
     rows = one.rows
     if known:
-        rows = replayed(world, standing.runs, causes.batch(world, [world]))
+        rows = played.replayed(world, standing.runs, causes.batch(world, [world]))
     rows = [_first(row) for row in rows]
     nominal = vector(standing, seen.names, rows)[0]
     return Scene(standing, seen, world, rows, weighed(seen, nominal))
 
 
-def _tolerant(scene: Scene, suspects: list[Suspect], played: np.ndarray) -> Scene:
+def _tolerant(scene: Scene, suspects: list[Suspect], seen: np.ndarray) -> Scene:
     """The scene with soles and ground that are nominal only within TOLERATED."""
     nominal = vector(scene.standing, scene.seen.names, scene.rows)[0]
     columns, first = [], 0
     for suspect in suspects:
         if suspect.cause in TOLERATED:
             node, share = TOLERATED[suspect.cause]
-            columns.append(share * (played[first + node] - nominal))
+            columns.append(share * (seen[first + node] - nominal))
         first += len(suspect.nodes)
-    seen = widened(scene.seen, np.stack(columns, -1))
-    return scene._replace(seen=seen, known=weighed(seen, nominal))
+    wide = widened(scene.seen, np.stack(columns, -1))
+    return scene._replace(seen=wide, known=weighed(wide, nominal))
+
+
+def replayed(scene: Scene, world: World) -> Weighed:
+    """How well a world of any structure meets what was measured."""
+    rows = played.replayed(world, scene.standing.runs, [world.values])
+    return weighed(scene.seen, vector(scene.standing, scene.seen.names, rows)[0])
+
+
+def gained(scene: Scene, best: Weighed) -> float:
+    """Nats of a prediction over what was known before."""
+    return best.evidence - scene.known.evidence
+
+
+def visibility(scene: Scene, best: Weighed) -> float:
+    """RMS change over the scatter from tolerances and noise; the largest channel's."""
+    change = np.square(scene.known.rest - best.rest).mean(1)
+    scatter = np.square(scene.seen.scatter).sum(-1).mean(1) + scene.seen.noise**2
+    return float(np.sqrt(change / scatter).max())
 
 
 def _first(row: Rows) -> Rows:
@@ -113,7 +129,7 @@ def _first(row: Rows) -> Rows:
 def _predicted(scene: Scene, worlds: list[World]) -> np.ndarray:
     """Channels [S, C, B] of worlds that differ in the causes' fields."""
     values = causes.batch(scene.world, worlds)
-    rows = replayed(scene.world, scene.standing.runs, values)
+    rows = played.replayed(scene.world, scene.standing.runs, values)
     return vector(scene.standing, scene.seen.names, rows)
 
 
@@ -124,12 +140,12 @@ def _claim(
     """A claim at its best value."""
     bins = scene.seen.measured.shape[1]
     per = bins * np.log(scene.known.level / best.level)
-    gain = best.evidence - scene.known.evidence - PRICE * len(x) - PLACE
+    gain = gained(scene, best) - PRICE * len(x) - PLACE
     low, high = np.clip(span, suspect.low, suspect.high)
     channels = dict(zip(scene.seen.names, map(float, per), strict=True))
     return FloorClaim(
         suspect.cause, suspect.where, suspect.values(x), float(low), float(high),
-        float(gain), channels,
+        float(gain), channels, visibility(scene, best),
     )  # fmt: skip
 
 
@@ -161,10 +177,10 @@ def _askew(row: Rows, angles: np.ndarray) -> Rows:
     )  # fmt: skip
 
 
-def _leaning(scene: Scene, suspect: Suspect, played: np.ndarray) -> FloorClaim:
+def _leaning(scene: Scene, suspect: Suspect, seen: np.ndarray) -> FloorClaim:
     """The best vector: slopes from simulated pairs, and simulations at the best."""
     size = np.abs(suspect.nodes).max()
-    slopes = (played[0::2] - played[1::2]) / (2.0 * size)
+    slopes = (seen[0::2] - seen[1::2]) / (2.0 * size)
     x, now, covariance = np.zeros(len(slopes)), scene.known, np.eye(len(slopes))
     best = (x, now, covariance)
     for round_ in range(ROUNDS):
@@ -179,12 +195,12 @@ def _leaning(scene: Scene, suspect: Suspect, played: np.ndarray) -> FloorClaim:
     return _claim(scene, suspect, x, now, estimate.length(x, covariance))
 
 
-def _along(scene: Scene, suspect: Suspect, played: np.ndarray) -> FloorClaim:
+def _along(scene: Scene, suspect: Suspect, seen: np.ndarray) -> FloorClaim:
     """The best severity of one parameter, between simulated ones."""
     neutral = _neutral(scene, suspect)
     nominal = vector(scene.standing, scene.seen.names, scene.rows)
     places = [neutral, *suspect.nodes[:, 0]]
-    curve = dict(zip(places, np.concatenate([nominal, played]), strict=True))
+    curve = dict(zip(places, np.concatenate([nominal, seen]), strict=True))
     for round_ in range(ROUNDS):
         found = estimate.profile(scene.seen, curve, neutral)
         best = max(found, key=lambda x: found[x].evidence)

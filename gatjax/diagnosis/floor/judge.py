@@ -1,0 +1,110 @@
+"""The judge of a standing robot: every claim is replayed by the whole robot.
+
+Two feet on the ground close a chain, so what one joint of a leg does looks like a small
+fault of all others. A joint's own fit only proposes: its claim counts what the whole
+extended robot explains of all channels, in the same nats as a claim about the floor.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from gatjax.diagnosis import extend
+from gatjax.diagnosis.case import Case, along, mapped
+from gatjax.diagnosis.claims import PLACE, PRICE, Claim, Stance
+from gatjax.diagnosis.floor import causes, claims
+from gatjax.diagnosis.floor.claims import FloorClaim
+from gatjax.diagnosis.floor.observed import Weighed
+from gatjax.diagnosis.floor.standing import Standing
+from gatjax.diagnosis.hypotheses import Hypothesis, Numbers
+from gatjax.diagnosis.joint import Joint
+from gatjax.diagnosis.judge import Judge
+from gatjax.diagnosis.loads import Tree
+from gatjax.sim.world import fields_applied
+
+PROPOSED = 6.0  # nats of a joint's own fit: a claim below is not replayed
+MOST = 30  # claims that are replayed
+LOUD = 3.0  # times the scatter within tolerances: a joint that leaves less is explained
+
+
+class StandingJudge(Judge):
+    """Finds what explains joints, inertial unit and feet together best."""
+
+    most = 1
+
+    def __init__(
+        self, case: Case, standing: Standing, tell: Callable[[str, float], None]
+    ) -> None:
+        """Start from the tolerances of a case whose base is the standing robot."""
+        super().__init__(case, tell)
+        self.standing = standing
+        self.scene = claims.scene(standing)
+
+    def claims(self) -> list[Claim]:
+        """All claims that the whole robot was simulated with, best first."""
+        proposed = [
+            claim for claim in super().claims()
+            if claim.hypothesis.cause and claim.gain > PROPOSED
+        ][:MOST]  # fmt: skip
+        found = [self._replayed(claim) for claim in proposed]
+        found += [_claim(one) for one in claims.claims(self.scene, self.tell)]
+        return sorted(found, key=lambda claim: -claim.gain)
+
+    def _replayed(self, claim: Claim) -> Claim:
+        """The claim with the nats that it is worth to the whole robot."""
+        best = self._outcome(claim)
+        places = 1 if len(claim.where) == len(self.joints) else len(claim.where)
+        count = len(claim.own) if not claim.lost else 1
+        gain = claims.gained(self.scene, best) - PRICE * count - PLACE * places
+        return claim._replace(gain=gain)
+
+    def _outcome(self, claim: Claim) -> Weighed:
+        where = extend.places(self, claim)
+        values = extend.world_values(self, claim)
+        row = (claim.hypothesis.cause, where, values)
+        return claims.replayed(self.scene, causes.extended(self.scene.world, [row]))
+
+    def confirmed(self, claim: Claim) -> bool:
+        """All claims were."""
+        return True
+
+    def visibility(self, claim: Claim) -> float:
+        """RMS change over the scatter from tolerances; the largest channel's."""
+        if claim.stance is not None:
+            return claim.stance.visibility
+        return claims.visibility(self.scene, self._outcome(claim))
+
+    def tolerates(self, index: int) -> bool:
+        """Whether the whole robot within its tolerances may move a joint like that."""
+        return bool(self.scene.known.level[index] < LOUD)
+
+    def accept(self, claim: Claim) -> None:
+        """Take a claim for known, and weigh the loads of the robot that it makes."""
+        if claim.stance is None:
+            super().accept(claim)
+            return
+        self.accepted.append(claim)
+        row = (claim.hypothesis.cause, [claim.stance.where], claim.stance.values)
+        model = fields_applied(causes.extended(self.scene.world, [row]))
+        tree = Tree(model, model.actuator_trnid[:, 0])
+        base = self.standing._replace(tree=tree)
+        self.case = along(dataclasses.replace(self.case, base=base), [], [])
+        self.joints = list(self.case.joints)
+        self.known = mapped(self._again, range(len(self.joints)))
+
+
+def _claim(found: FloorClaim) -> Claim:
+    """A claim about the floor as one among those about joints."""
+    stance = Stance(found.where, found.values, found.low, found.high, found.visibility)
+    hypothesis = Hypothesis(
+        found.cause, "", put=_unchanged, starts=(), steps=(), low=(), high=(),
+        values=lambda joint, x: found.values,
+    )  # fmt: skip
+    return Claim(hypothesis, np.zeros(0), (), {}, found.gain, stance=stance)
+
+
+def _unchanged(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
+    """Joints stay as they are."""
