@@ -13,6 +13,7 @@ from gatjax.diagnosis.floor.causes import Known, Suspect
 from gatjax.diagnosis.floor.observed import (
     Observed,
     Weighed,
+    gained,
     observe,
     vector,
     weighed,
@@ -20,6 +21,7 @@ from gatjax.diagnosis.floor.observed import (
 )
 from gatjax.diagnosis.floor.played import Rows
 from gatjax.diagnosis.floor.standing import Standing
+from gatjax.diagnosis.loads import TILT
 from gatjax.effects.sensor import turned
 from gatjax.sim.world import World
 
@@ -61,7 +63,7 @@ def claims(scene: Scene, tell: Callable[[str, float], None]) -> list[FloorClaim]
         scene: the robot and what is known of it.
         tell: is called with a stage and the share of it that is done.
     """
-    suspects = causes.suspects(standing.model)
+    suspects = causes.suspects(scene.standing.model)
     nodes = [
         suspect.world(scene.world, x) for suspect in suspects for x in suspect.nodes
     ]
@@ -91,13 +93,20 @@ def scene(standing: Standing, known: Known = ()) -> Scene:
 
 
 def _tolerant(scene: Scene, suspects: list[Suspect], seen: np.ndarray) -> Scene:
-    """The scene with soles and ground that are nominal only within TOLERATED."""
+    """The scene with soles and ground that are nominal only within TOLERATED.
+
+    The tilt is a tolerance of the ensemble, too; a direction of its own costs less than
+    what a few draws make of it.
+    """
     nominal = vector(scene.standing, scene.seen.names, scene.rows)[0]
     columns, first = [], 0
     for suspect in suspects:
         if suspect.cause in TOLERATED:
             node, share = TOLERATED[suspect.cause]
             columns.append(share * (seen[first + node] - nominal))
+        if suspect.cause == "gravity_tilt":
+            pairs = seen[first : first + len(suspect.nodes)]
+            columns += list(TILT * _slopes(suspect, pairs))
         first += len(suspect.nodes)
     wide = widened(scene.seen, np.stack(columns, -1))
     return scene._replace(seen=wide, known=weighed(wide, nominal))
@@ -107,11 +116,6 @@ def replayed(scene: Scene, world: World) -> Weighed:
     """How well a world of any structure meets what was measured."""
     rows = played.replayed(world, scene.standing.runs, [world.values])
     return weighed(scene.seen, vector(scene.standing, scene.seen.names, rows)[0])
-
-
-def gained(scene: Scene, best: Weighed) -> float:
-    """Nats of a prediction over what was known before."""
-    return best.evidence - scene.known.evidence
 
 
 def visibility(scene: Scene, best: Weighed) -> float:
@@ -140,7 +144,7 @@ def _claim(
     """A claim at its best value."""
     bins = scene.seen.measured.shape[1]
     per = bins * np.log(scene.known.level / best.level)
-    gain = gained(scene, best) - PRICE * len(x) - PLACE
+    gain = gained(scene.known, best) - PRICE * len(x) - PLACE
     low, high = np.clip(span, suspect.low, suspect.high)
     channels = dict(zip(scene.seen.names, map(float, per), strict=True))
     return FloorClaim(
@@ -179,8 +183,7 @@ def _askew(row: Rows, angles: np.ndarray) -> Rows:
 
 def _leaning(scene: Scene, suspect: Suspect, seen: np.ndarray) -> FloorClaim:
     """The best vector: slopes from simulated pairs, and simulations at the best."""
-    size = np.abs(suspect.nodes).max()
-    slopes = (seen[0::2] - seen[1::2]) / (2.0 * size)
+    slopes = _slopes(suspect, seen)
     x, now, covariance = np.zeros(len(slopes)), scene.known, np.eye(len(slopes))
     best = (x, now, covariance)
     for round_ in range(ROUNDS):
@@ -193,6 +196,12 @@ def _leaning(scene: Scene, suspect: Suspect, seen: np.ndarray) -> FloorClaim:
             break
     x, now, covariance = best
     return _claim(scene, suspect, x, now, estimate.length(x, covariance))
+
+
+def _slopes(suspect: Suspect, seen: np.ndarray) -> np.ndarray:
+    """Channels [P, C, B] per unit of a vector, from simulated pairs [2 P, C, B]."""
+    size = np.abs(suspect.nodes).max()
+    return (seen[0::2] - seen[1::2]) / (2.0 * size)
 
 
 def _along(scene: Scene, suspect: Suspect, seen: np.ndarray) -> FloorClaim:

@@ -17,7 +17,7 @@ from gatjax.diagnosis.case import Case, along, mapped
 from gatjax.diagnosis.claims import PLACE, PRICE, Claim, Stance
 from gatjax.diagnosis.floor import causes, claims
 from gatjax.diagnosis.floor.claims import FloorClaim
-from gatjax.diagnosis.floor.observed import Weighed
+from gatjax.diagnosis.floor.observed import Weighed, gained
 from gatjax.diagnosis.floor.standing import Standing
 from gatjax.diagnosis.hypotheses import Hypothesis, Numbers
 from gatjax.diagnosis.joint import Joint
@@ -58,7 +58,7 @@ class StandingJudge(Judge):
         best = self._outcome(claim)
         places = 1 if len(claim.where) == len(self.joints) else len(claim.where)
         count = len(claim.own) if not claim.lost else 1
-        gain = claims.gained(self.scene, best) - PRICE * count - PLACE * places
+        gain = gained(self.scene.known, best) - PRICE * count - PLACE * places
         return claim._replace(gain=gain)
 
     def _outcome(self, claim: Claim) -> Weighed:

@@ -128,11 +128,11 @@ def upright(
     ):
         stamps = run.time - run.time[0]
         down = np.interp(stamps, row.time, fallen(row.up[0]) * 1.0) > 0.0
-        lean = np.stack([np.abs(logged.get(name, 0.0 * stamps)) for name in TILT])
-        down |= np.logical_or.accumulate(lean.max(0) > LEANING)
-        end = stamps[down][0] - BEFORE if down.any() else np.inf
-        kept = stamps < end
-        if np.ptp(stamps[kept], initial=0.0) >= LEAST:
+        for name in set(TILT) & set(logged):
+            down |= np.logical_or.accumulate(np.abs(logged[name]) > LEANING)
+        end = stamps[down][0] - BEFORE if down.any() else stamps[-1]
+        kept = stamps <= end
+        if end >= LEAST:
             cut = run._replace(
                 time=run.time[kept], command=run.command[kept], angle=run.angle[kept]
             )
