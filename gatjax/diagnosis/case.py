@@ -7,7 +7,7 @@ import itertools
 import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import jax.numpy as jnp
 import mujoco
@@ -26,6 +26,7 @@ from gatjax.robot.model import joint_names
 THREADS = os.cpu_count() or 1
 
 
+@runtime_checkable
 class Base(Protocol):
     """How loads of the joints are weighed: along what was measured, or simulated."""
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from gatjax.diagnosis import plant
 from gatjax.diagnosis.claims import Claim
-from gatjax.diagnosis.hypotheses import COUNT, RELATIVE, TOLERANCES, numbers
+from gatjax.diagnosis.hypotheses import COUNT, TOLERANCES, numbers
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.verdict import Verdict
 from gatjax.effects.catalogue import CATALOGUE
@@ -50,7 +50,16 @@ def parameters(judge: Judge, claim: Claim) -> dict[str, float]:
 
 
 def world_values(judge: Judge, claim: Claim) -> dict[str, float]:
-    """A claim's parameters as the World's effect takes them."""
+    """A claim's parameters as the World's effect takes them, within its ranges."""
+    ranges = {p.name: p for p in CATALOGUE[claim.hypothesis.cause].parameters}
+    return {
+        name: float(np.clip(value, ranges[name].low, ranges[name].high))
+        for name, value in _converted(judge, claim).items()
+    }
+
+
+def _converted(judge: Judge, claim: Claim) -> dict[str, float]:
+    """A claim's parameters under the names of the World's effect."""
     values = parameters(judge, claim)
     if claim.stance is not None:
         return values
@@ -86,12 +95,20 @@ def places(judge: Judge, claim: Claim) -> list[str]:
 def calibration(verdict: Verdict) -> list[Row]:
     """Corrections of nominal numbers within their tolerances, as rows of a world."""
     rows: list[Row] = []
+    model = verdict.judge.case.model
     for joint, fit in zip(verdict.judge.joints, verdict.judge.known, strict=True):
         if joint.index in verdict.unexplained:
             continue  # its tolerances imitate what is not known
         x = dict(zip(TOLERANCES, fit.x[:COUNT], strict=True))
         drive = joint.nominal | numbers(joint, None, fit.x[:COUNT])
-        more = {name: drive[name] - joint.nominal[name] for name in RELATIVE}
+        dof = model.jnt_dofadr[model.actuator_trnid[joint.index, 0]]
+        more = {  # of the driven joint alone, where others are tied to it
+            name: max(drive[name] - joint.nominal[name], -float(own[dof]))
+            for name, own in (
+                ("damping", model.dof_damping), ("friction", model.dof_frictionloss),
+                ("armature", model.dof_armature),
+            )
+        }  # fmt: skip
         changes: dict[str, tuple[str, float]] = {
             "kp": ("gain_error", drive["kp"] / joint.nominal["kp"]),
             "kv": ("damping_error", drive["kv"] / max(joint.nominal["kv"], 1e-9)),
@@ -103,7 +120,8 @@ def calibration(verdict: Verdict) -> list[Row]:
             "delay": ("command_delay", drive["delay"]),
         }
         for name, (cause, value) in changes.items():
-            if abs(x[name]) < LEAST or (name == "limit" and more["limit"] > 0.0):
+            stronger = name == "limit" and drive["limit"] > joint.nominal["limit"]
+            if abs(x[name]) < LEAST or stronger:
                 continue
             values = {CATALOGUE[cause].main.name: float(value)}
             rows.append(

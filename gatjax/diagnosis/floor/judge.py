@@ -17,16 +17,21 @@ from gatjax.diagnosis.case import Case, along, mapped
 from gatjax.diagnosis.claims import PLACE, PRICE, Claim, Stance
 from gatjax.diagnosis.floor import causes, claims
 from gatjax.diagnosis.floor.claims import FloorClaim
-from gatjax.diagnosis.floor.observed import Weighed, gained
+from gatjax.diagnosis.floor.observed import Weighed, gained, weighed_rest
 from gatjax.diagnosis.floor.standing import Standing
 from gatjax.diagnosis.hypotheses import Hypothesis, Numbers
 from gatjax.diagnosis.joint import Joint
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.loads import Tree
+from gatjax.effects.catalogue import CATALOGUE
 from gatjax.sim.world import fields_applied
 
-PROPOSED = 6.0  # nats of a joint's own fit: a claim below is not replayed
+PROPOSED = 1.0  # nats of a joint's own fit: a claim below is not replayed
 MOST = 30  # claims that are replayed
+REFINED = 8  # best of them whose size is looked for
+ROUNDS = 2  # of it
+SIZES = (0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0)  # that are tried, to first order
+LADDER = 400  # coordinates to choose from
 LOUD = 3.0  # times the scatter within tolerances: a joint that leaves less is explained
 
 
@@ -49,7 +54,8 @@ class StandingJudge(Judge):
             claim for claim in super().claims()
             if claim.hypothesis.cause and claim.gain > PROPOSED
         ][:MOST]  # fmt: skip
-        found = [self._replayed(claim) for claim in proposed]
+        found = sorted((self._replayed(claim) for claim in proposed), key=_worst_first)
+        found[-REFINED:] = [self._refined(claim) for claim in found[-REFINED:]]
         found += [_claim(one) for one in claims.claims(self.scene, self.tell)]
         return sorted(found, key=lambda claim: -claim.gain)
 
@@ -60,6 +66,42 @@ class StandingJudge(Judge):
         count = len(claim.own) if not claim.lost else 1
         gain = gained(self.scene.known, best) - PRICE * count - PLACE * places
         return claim._replace(gain=gain)
+
+    def _refined(self, claim: Claim) -> Claim:
+        """The claim at the size that suits the whole robot best.
+
+        A joint's own fit takes what the other leg does for its own doing.
+        """
+        if len(claim.own) != 1:
+            return claim
+        for _ in range(ROUNDS):
+            now = self._outcome(claim)
+            change = now.rest - self.scene.known.rest
+            tried = {
+                size: weighed_rest(self.scene.seen, now.rest + (size - 1.0) * change)
+                for size in SIZES
+            }
+            best = max(tried, key=lambda size: tried[size].evidence)
+            other = self._replayed(claim._replace(own=self._resized(claim, best)))
+            if best == 1.0 or other.gain <= claim.gain:
+                break
+            claim = other
+        return claim
+
+    def _resized(self, claim: Claim, size: float) -> np.ndarray:
+        """The coordinate [1] at which a cause is so many times as large as it is."""
+        hypothesis, joint = claim.hypothesis, self.joints[claim.where[0]]
+        main = CATALOGUE[hypothesis.cause].main.name
+        neutral = CATALOGUE[hypothesis.cause].neutral
+        ladder = np.linspace(hypothesis.low[0], hypothesis.high[0], LADDER)
+
+        def severity(x: float) -> float:
+            value = hypothesis.values(joint, np.array([x]))[main]
+            return value - neutral if np.isfinite(neutral) else 1.0 / value
+
+        wanted = size * severity(float(claim.own[0]))
+        apart = [abs(severity(float(x)) - wanted) for x in ladder]
+        return ladder[[int(np.argmin(apart))]]
 
     def _outcome(self, claim: Claim) -> Weighed:
         where = extend.places(self, claim)
@@ -104,6 +146,10 @@ def _claim(found: FloorClaim) -> Claim:
         values=lambda joint, x: found.values,
     )  # fmt: skip
     return Claim(hypothesis, np.zeros(0), (), {}, found.gain, stance=stance)
+
+
+def _worst_first(claim: Claim) -> float:
+    return claim.gain
 
 
 def _unchanged(drive: Numbers, joint: Joint, x: np.ndarray) -> None:

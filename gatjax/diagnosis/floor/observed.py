@@ -191,14 +191,18 @@ def widened(seen: Observed, columns: np.ndarray) -> Observed:
 
 
 def weighed(seen: Observed, predicted: np.ndarray) -> Weighed:
-    """Evidence of a prediction [C, B], its tolerances adjusted.
+    """Evidence of a prediction [C, B]; see `weighed_rest`."""
+    return weighed_rest(seen, seen.measured - predicted)
+
+
+def weighed_rest(seen: Observed, rest: np.ndarray) -> Weighed:
+    """Evidence of measured minus predicted [C, B], tolerances adjusted.
 
     The size of each channel's noise is found along with the tolerances, so that one
     channel that is wrong by itself does not bend the others. The evidence is that of
     noise of unknown covariance: a torso that wobbles moves all channels, but counts
     once. A share CALM of the nominal noise is always in it.
     """
-    rest = seen.measured - predicted
     count, bins = rest.shape
     pulls = (rest[:, None] @ seen.scatter)[:, 0]
     square = np.square(rest).sum(-1)
