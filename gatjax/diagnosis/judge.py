@@ -141,18 +141,21 @@ class Judge:
         missing = [k for k in range(len(self.joints)) if k not in self.found]
         done = itertools.count(1)
 
-        def explained(index: int) -> list[Fit]:
-            bank = CAUSES + OTHERS
-            fit = search.explain(self.joints[index], self.known[index], bank)
+        def one(index: int) -> list[Fit]:
+            fit = self.explained(index)
             self.tell("causes", next(done) / len(missing))
             return fit
 
-        self.found |= dict(zip(missing, mapped(explained, missing), strict=True))
+        self.found |= dict(zip(missing, mapped(one, missing), strict=True))
         found = self._single()
         if len(self.joints) > 1:
             found += self._shared(found) + self._bodies(found)
         found += self._lost()
         return sorted(found, key=lambda claim: -claim.gain)
+
+    def explained(self, index: int) -> list[Fit]:
+        """Fits of the causes that explain a joint best, beside what is known."""
+        return search.explain(self.joints[index], self.known[index], CAUSES + OTHERS)
 
     def _single(self) -> list[Claim]:
         """Claims about one joint."""

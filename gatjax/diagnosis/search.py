@@ -12,6 +12,7 @@ from gatjax.diagnosis.joint import Joint
 STARTS = 2  # of each hypothesis that are refined
 KEPT = (40, 12, 6, 4)  # hypotheses after each round
 ROUNDS = (1, 2, 3, 5)  # iterations in each round
+PROPOSED, TURNS = (16, 6), (1, 4)  # the same, where another judge weighs them
 RIVALS = 8  # fits that are returned; those that were dropped are not at their best
 BEHIND = 40.0  # nats behind the best: dropped
 PROMISING = 2.0  # nats: less is nothing
@@ -96,16 +97,8 @@ def _solved(
 
 
 def explain(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
-    """Fits of the bank's best hypotheses, best first, one per cause and variant.
-
-    The scan starts from the fit and from the nominal model: tolerances that imitate a
-    cause are a bad place to look for it.
-    """
-    plain = base.x.copy()
-    plain[:COUNT] = 0.0
-    fresh = fits.start(joint, [(base.hypothesis, plain)])[0]
-    found = scan(joint, base, bank) + scan(joint, fresh, bank)
-    known = fits.evidence(joint, base)
+    """Fits of the bank's best hypotheses, best first, one per cause and variant."""
+    found, known = _scanned(joint, base, bank), fits.evidence(joint, base)
     if _unsuspicious(joint, base, [fits.evidence(joint, f) - known for f in found]):
         return _best(found, KEPT[-1])
     dropped: list[Fit] = []
@@ -119,6 +112,27 @@ def explain(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
         found = [f for f, kept_on in zip(found, near, strict=True) if kept_on]
     found = _shaken(joint, _best(found, len(found)))
     return _best(found + dropped, RIVALS)
+
+
+def proposals(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
+    """Fits of promising hypotheses, best first, not at their best yet."""
+    found, known = _scanned(joint, base, bank), fits.evidence(joint, base)
+    if _unsuspicious(joint, base, [fits.evidence(joint, f) - known for f in found]):
+        return _best(found, KEPT[-1])
+    for kept, rounds in zip(PROPOSED, TURNS, strict=True):
+        found = fits.improve(joint, _best(found, kept), rounds)
+    return _best(found, RIVALS)
+
+
+def _scanned(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
+    """Starts of all hypotheses, beside the fit and beside the nominal model.
+
+    Tolerances that imitate a cause are a bad place to look for it.
+    """
+    plain = base.x.copy()
+    plain[:COUNT] = 0.0
+    fresh = fits.start(joint, [(base.hypothesis, plain)])[0]
+    return scan(joint, base, bank) + scan(joint, fresh, bank)
 
 
 def _shaken(joint: Joint, found: list[Fit]) -> list[Fit]:

@@ -7,9 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis.claims import PLACE, PRICE
 from gatjax.diagnosis.floor import causes, estimate, played
-from gatjax.diagnosis.floor.causes import Known, Suspect
+from gatjax.diagnosis.floor.causes import Suspect
 from gatjax.diagnosis.floor.observed import (
     Observed,
     Weighed,
@@ -47,13 +48,15 @@ class FloorClaim(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """A standing robot with what is known of it, as the claims are weighed."""
+    """A standing robot as all its claims are weighed."""
 
     standing: Standing
-    seen: Observed
-    world: World  # with the known causes
+    world: World  # nominal
     rows: list[Rows]  # nominal, of each run
-    known: Weighed
+    suspects: list[Suspect]
+    simulated: list[np.ndarray]  # channels [K, C, B] at the nodes of each suspect
+    seen: Observed
+    known: Weighed  # the nominal robot
 
 
 def claims(scene: Scene, tell: Callable[[str, float], None]) -> list[FloorClaim]:
@@ -63,58 +66,50 @@ def claims(scene: Scene, tell: Callable[[str, float], None]) -> list[FloorClaim]
         scene: the robot and what is known of it.
         tell: is called with a stage and the share of it that is done.
     """
-    suspects = causes.suspects(scene.standing.model)
-    nodes = [
-        suspect.world(scene.world, x) for suspect in suspects for x in suspect.nodes
-    ]
-    seen = _predicted(scene, nodes)
-    scene = _tolerant(scene, suspects, seen)
-    found, first = [_imu(scene)], 0
-    for number, suspect in enumerate(suspects):
-        tell("floor", number / len(suspects))
-        mine = seen[first : first + len(suspect.nodes)]
-        first += len(suspect.nodes)
+    found = [_imu(scene)]
+    for number, suspect in enumerate(scene.suspects):
+        tell("floor", number / len(scene.suspects))
         fitted = _leaning if len(suspect.axes) > 1 else _along
-        found.append(fitted(scene, suspect, mine))
+        found.append(fitted(scene, suspect, scene.simulated[number]))
     return sorted(found, key=lambda claim: -claim.gain)
 
 
-def scene(standing: Standing, known: Known = ()) -> Scene:
-    """A standing robot as claims are weighed; known causes stay in every simulation."""
-    one = standing.ensembles[0]
-    world = causes.extended(one.world, known)
+def scene(standing: Standing) -> Scene:
+    """Simulate all suspects of a robot, and widen its tolerances by small ones."""
+    world = standing.ensembles[0].world
+    rows = [_first(row) for row in standing.ensembles[0].rows]
+    suspects = causes.suspects(standing.model)
+    nodes = [suspect.world(world, x) for suspect in suspects for x in suspect.nodes]
     seen = observe(standing)
-    rows = one.rows
-    if known:
-        rows = played.replayed(world, standing.runs, causes.batch(world, [world]))
-    rows = [_first(row) for row in rows]
     nominal = vector(standing, seen.names, rows)[0]
-    return Scene(standing, seen, world, rows, weighed(seen, nominal))
+    ends = np.cumsum([len(suspect.nodes) for suspect in suspects])[:-1]
+    simulated = np.split(_predicted(standing, seen.names, nodes), ends)
+    wide = widened(seen, _tolerances(suspects, simulated, nominal))
+    known = weighed(wide, nominal)
+    return Scene(standing, world, rows, suspects, simulated, wide, known)
 
 
-def _tolerant(scene: Scene, suspects: list[Suspect], seen: np.ndarray) -> Scene:
-    """The scene with soles and ground that are nominal only within TOLERATED.
+def _tolerances(
+    suspects: list[Suspect], simulated: list[np.ndarray], nominal: np.ndarray
+) -> np.ndarray:
+    """Small changes [C, B, K] of soles, ground and tilt that are no cause.
 
     The tilt is a tolerance of the ensemble, too; a direction of its own costs less than
     what a few draws make of it.
     """
-    nominal = vector(scene.standing, scene.seen.names, scene.rows)[0]
-    columns, first = [], 0
-    for suspect in suspects:
+    columns = []
+    for suspect, channels in zip(suspects, simulated, strict=True):
         if suspect.cause in TOLERATED:
             node, share = TOLERATED[suspect.cause]
-            columns.append(share * (seen[first + node] - nominal))
+            columns.append(share * (channels[node] - nominal))
         if suspect.cause == "gravity_tilt":
-            pairs = seen[first : first + len(suspect.nodes)]
-            columns += list(TILT * _slopes(suspect, pairs))
-        first += len(suspect.nodes)
-    wide = widened(scene.seen, np.stack(columns, -1))
-    return scene._replace(seen=wide, known=weighed(wide, nominal))
+            columns += list(TILT * _slopes(suspect, channels))
+    return np.stack(columns, -1)
 
 
-def replayed(scene: Scene, world: World) -> Weighed:
-    """How well a world of any structure meets what was measured."""
-    rows = played.replayed(world, scene.standing.runs, [world.values])
+def replayed(scene: Scene, world: World, runs: list[JointRun]) -> Weighed:
+    """How well a world of any structure, given the runs' commands, meets the logs."""
+    rows = played.replayed(world, runs, [world.values])
     return weighed(scene.seen, vector(scene.standing, scene.seen.names, rows)[0])
 
 
@@ -130,11 +125,13 @@ def _first(row: Rows) -> Rows:
     return Rows(row.time, row.command, *(part[:1] for part in row[2:]))
 
 
-def _predicted(scene: Scene, worlds: list[World]) -> np.ndarray:
+def _predicted(
+    standing: Standing, names: tuple[str, ...], worlds: list[World]
+) -> np.ndarray:
     """Channels [S, C, B] of worlds that differ in the causes' fields."""
-    values = causes.batch(scene.world, worlds)
-    rows = played.replayed(scene.world, scene.standing.runs, values)
-    return vector(scene.standing, scene.seen.names, rows)
+    world = standing.ensembles[0].world
+    rows = played.replayed(world, standing.runs, causes.batch(world, worlds))
+    return vector(standing, names, rows)
 
 
 def _claim(
@@ -188,7 +185,7 @@ def _leaning(scene: Scene, suspect: Suspect, seen: np.ndarray) -> FloorClaim:
     best = (x, now, covariance)
     for round_ in range(ROUNDS):
         x, covariance = estimate.improved(scene.seen, now, x, slopes)
-        now = weighed(scene.seen, _predicted(scene, [suspect.world(scene.world, x)])[0])
+        now = replayed(scene, suspect.world(scene.world, x), scene.standing.runs)
         if round_ and now.evidence <= best[1].evidence:
             break
         best = (x, now, covariance)
@@ -217,7 +214,7 @@ def _along(scene: Scene, suspect: Suspect, seen: np.ndarray) -> FloorClaim:
             break
         if round_ + 1 < ROUNDS:
             world = suspect.world(scene.world, np.array([best]))
-            curve[best] = _predicted(scene, [world])[0]
+            curve[best] = _predicted(scene.standing, scene.seen.names, [world])[0]
     span = estimate.inside(found)
     return _claim(scene, suspect, np.array([best]), found[best], span)
 

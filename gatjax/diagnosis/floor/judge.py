@@ -12,9 +12,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gatjax.diagnosis import extend
+from gatjax.data.trajectories import JointRun
+from gatjax.diagnosis import extend, search
+from gatjax.diagnosis.bank import CAUSES, OTHERS
 from gatjax.diagnosis.case import Case, along, mapped
 from gatjax.diagnosis.claims import PLACE, PRICE, Claim, Stance
+from gatjax.diagnosis.drops import ODDS, held
+from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.floor import causes, claims
 from gatjax.diagnosis.floor.claims import FloorClaim
 from gatjax.diagnosis.floor.observed import Weighed, gained, weighed_rest
@@ -27,12 +31,12 @@ from gatjax.effects.catalogue import CATALOGUE
 from gatjax.sim.world import fields_applied
 
 PROPOSED = 1.0  # nats of a joint's own fit: a claim below is not replayed
-MOST = 30  # claims that are replayed
-REFINED = 8  # best of them whose size is looked for
+MOST = 20  # claims that are replayed
+REFINED = 5  # best of them whose size is looked for
 ROUNDS = 2  # of it
 SIZES = (0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0)  # that are tried, to first order
 LADDER = 400  # coordinates to choose from
-LOUD = 3.0  # times the scatter within tolerances: a joint that leaves less is explained
+LOUD = 2.0  # times the scatter within tolerances: a joint that leaves less is explained
 
 
 class StandingJudge(Judge):
@@ -59,12 +63,17 @@ class StandingJudge(Judge):
         found += [_claim(one) for one in claims.claims(self.scene, self.tell)]
         return sorted(found, key=lambda claim: -claim.gain)
 
+    def explained(self, index: int) -> list[Fit]:
+        """Fits that are good enough to propose a cause."""
+        return search.proposals(self.joints[index], self.known[index], CAUSES + OTHERS)
+
     def _replayed(self, claim: Claim) -> Claim:
         """The claim with the nats that it is worth to the whole robot."""
         best = self._outcome(claim)
         places = 1 if len(claim.where) == len(self.joints) else len(claim.where)
-        count = len(claim.own) if not claim.lost else 1
-        gain = gained(self.scene.known, best) - PRICE * count - PLACE * places
+        lost = sum(mask.sum() for runs in (claim.lost or {}).values() for mask in runs)
+        price = PRICE * len(claim.own) + ODDS * float(lost) + PLACE * places
+        gain = gained(self.scene.known, best) - price
         return claim._replace(gain=gain)
 
     def _refined(self, claim: Claim) -> Claim:
@@ -104,10 +113,22 @@ class StandingJudge(Judge):
         return ladder[[int(np.argmin(apart))]]
 
     def _outcome(self, claim: Claim) -> Weighed:
+        """How well the robot with the cause, or with commands lost, meets the logs."""
+        if claim.lost:
+            runs = [self._received(claim.lost, k) for k in range(len(self.case.runs))]
+            return claims.replayed(self.scene, self.scene.world, runs)
         where = extend.places(self, claim)
         values = extend.world_values(self, claim)
         row = (claim.hypothesis.cause, where, values)
-        return claims.replayed(self.scene, causes.extended(self.scene.world, [row]))
+        world = causes.extended(self.scene.world, [row])
+        return claims.replayed(self.scene, world, self.case.runs)
+
+    def _received(self, lost: dict[int, list[np.ndarray]], number: int) -> JointRun:
+        """A run with the commands that came through."""
+        command = self.case.runs[number].command.copy()
+        for joint, masks in lost.items():
+            command[:, joint] = held(command[:, joint], masks[number])
+        return self.case.runs[number]._replace(command=command)
 
     def confirmed(self, claim: Claim) -> bool:
         """All claims were."""
@@ -125,6 +146,7 @@ class StandingJudge(Judge):
 
     def accept(self, claim: Claim) -> None:
         """Take a claim for known, and weigh the loads of the robot that it makes."""
+        self.scene = self.scene._replace(known=self._outcome(claim))
         if claim.stance is None:
             super().accept(claim)
             return
