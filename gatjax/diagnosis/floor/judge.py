@@ -31,8 +31,8 @@ from gatjax.effects.catalogue import CATALOGUE
 from gatjax.sim.world import fields_applied
 
 PROPOSED = 1.0  # nats of a joint's own fit: a claim below is not replayed
-MOST = 20  # claims that are replayed
-REFINED = 5  # best of them whose size is looked for
+MOST = 14  # claims that are replayed
+REFINED = 3  # best of them whose size is looked for
 ROUNDS = 2  # of it
 SIZES = (0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0)  # that are tried, to first order
 LADDER = 400  # coordinates to choose from
@@ -51,6 +51,7 @@ class StandingJudge(Judge):
         super().__init__(case, tell)
         self.standing = standing
         self.scene = claims.scene(standing)
+        self.outcomes: dict[tuple, Weighed] = {}
 
     def claims(self) -> list[Claim]:
         """All claims that the whole robot was simulated with, best first."""
@@ -91,8 +92,10 @@ class StandingJudge(Judge):
                 for size in SIZES
             }
             best = max(tried, key=lambda size: tried[size].evidence)
+            if best == 1.0:
+                break
             other = self._replayed(claim._replace(own=self._resized(claim, best)))
-            if best == 1.0 or other.gain <= claim.gain:
+            if other.gain <= claim.gain:
                 break
             claim = other
         return claim
@@ -113,6 +116,14 @@ class StandingJudge(Judge):
         return ladder[[int(np.argmin(apart))]]
 
     def _outcome(self, claim: Claim) -> Weighed:
+        """How well the robot of a claim meets the logs; each is simulated once."""
+        name = (claim.hypothesis.cause, claim.hypothesis.variant)
+        key = (*name, claim.place(), tuple(claim.own), claim.body)
+        if key not in self.outcomes:
+            self.outcomes[key] = self._simulated(claim)
+        return self.outcomes[key]
+
+    def _simulated(self, claim: Claim) -> Weighed:
         """How well the robot with the cause, or with commands lost, meets the logs."""
         if claim.lost:
             runs = [self._received(claim.lost, k) for k in range(len(self.case.runs))]
