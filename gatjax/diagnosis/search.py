@@ -12,7 +12,7 @@ from gatjax.diagnosis.joint import Joint
 STARTS = 2  # of each hypothesis that are refined
 KEPT = (40, 12, 6, 4)  # hypotheses after each round
 ROUNDS = (1, 2, 3, 5)  # iterations in each round
-PROPOSED, TURNS = (16, 6), (1, 4)  # the same, where another judge weighs them
+PROPOSED, TURNS = (40, 12), (1, 4)  # the same, where another judge weighs them
 RIVALS = 8  # fits that are returned; those that were dropped are not at their best
 BEHIND = 40.0  # nats behind the best: dropped
 PROMISING = 2.0  # nats: less is nothing
