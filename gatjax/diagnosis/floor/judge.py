@@ -32,6 +32,7 @@ from gatjax.sim.world import fields_applied
 
 PROPOSED = 1.0  # nats of a joint's own fit: a claim below is not replayed
 MOST = 14  # claims that are replayed
+PAIR = 2  # joints: a slipping foot looks like larger groups, short of all
 REFINED = 3  # best of them whose size is looked for
 ROUNDS = 2  # of it
 SIZES = (0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0)  # that are tried, to first order
@@ -58,6 +59,7 @@ class StandingJudge(Judge):
         proposed = [
             claim for claim in super().claims()
             if claim.hypothesis.cause and claim.gain > PROPOSED
+            and (len(claim.where) <= PAIR or len(claim.where) == len(self.joints))
         ][:MOST]  # fmt: skip
         found = sorted((self._replayed(claim) for claim in proposed), key=_worst_first)
         found[-REFINED:] = [self._refined(claim) for claim in found[-REFINED:]]
