@@ -79,7 +79,7 @@ def test_a_flag_that_would_forget_files_is_refused(given, capsys):
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        (("", '<freejoint name="base"/>'), "free joint"),
+        (("", '<freejoint name="base"/>'), "no ground to stand"),
         (('<motor name="m" joint="servo"/>', ""), "'m' is no position servo"),
         (('<velocity name="m" joint="servo" kv="1"/>', ""), "is no position servo"),
         (("", ""), "no actuators"),

@@ -18,12 +18,11 @@ import gatjax.surrogate.hidden
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import joint, loads, motion, plant
 from gatjax.diagnosis.bank import CAUSES
-from gatjax.diagnosis.case import Case
+from gatjax.diagnosis.case import Case, Held
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.extend import world_values
 from gatjax.diagnosis.hypotheses import COUNT, tolerated
 from gatjax.diagnosis.judge import Judge
-from gatjax.diagnosis.verdict import Verdict
 from gatjax.effects.catalogue import CATALOGUE
 from gatjax.robot.model import joint_names
 from gatjax.sim.replay import replay_many
@@ -85,11 +84,11 @@ def judged(world, angle):
     draw = np.random.default_rng(0)
     others = [loads.perturbed(world.model, draw) for _ in range(loads.TERMS)]
     weighed = [loads.weigh(tree, moved[0], others)]
+    base = Held(tree, [run], others)
     names = joint_names(world.model)
     ready = joint.build(world.model, tree, names, [run], moved, weighed)
     case = Case(
-        model=world.model, tree=tree, runs=[run], joints=ready, motions=moved,
-        loads=weighed, healthy=[],
+        base=base, runs=[run], joints=ready, motions=moved, loads=weighed, healthy=[],
     )  # fmt: skip
     return Judge(case, lambda stage, share: None)
 
@@ -107,7 +106,7 @@ def simulated(judge, hypothesis=None, own=()):
 def translated(judge, hypothesis, own):
     """The hypothesis as values of the World's cause."""
     claim = Claim(hypothesis, np.array(own), (0,), {}, 0.0)
-    values = world_values(Verdict("named", [], [], None, [], judge), claim)
+    values = world_values(judge, claim)
     if hypothesis.cause == "joint_elasticity":
         values |= {"damping_ratio": plant.DAMPING_RATIO}
     return values

@@ -23,9 +23,9 @@ from gatjax.benchmark import everything
 from gatjax.benchmark.squares import Solved, nominal, solved
 from gatjax.data.recording import check_recording, read_recording
 from gatjax.data.trajectories import to_arrays
+from gatjax.diagnosis import case as cases
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.bank import CAUSES
-from gatjax.diagnosis.case import prepare
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis
 from gatjax.diagnosis.joint import Joint
 from gatjax.effects.catalogue import CATALOGUE
@@ -66,7 +66,9 @@ def problem(model: str, fit: Sequence[str], held: Sequence[str], seed: int) -> P
             cut = to_arrays(recording, joints)
             runs += cut
             seen += [is_fit] * len(cut)
-    case = prepare(loaded, runs, lambda stage, share: None, seed)
+    case = cases.prepare(
+        cases.held(loaded, runs, seed), runs, lambda stage, share: None
+    )
     rows = np.array(seen)[:, None]
     parts = [
         [joint._replace(valid=joint.valid & mask) for joint in case.joints]

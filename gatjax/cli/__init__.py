@@ -8,6 +8,7 @@ import traceback
 from typing import Any
 
 from gatjax import __version__
+from gatjax.cli import threads  # noqa: F401 before numpy is loaded
 from gatjax.cli.arguments import BenchDiagnose, Run, Search, parse
 from gatjax.cli.interrupts import heeded
 

@@ -22,10 +22,13 @@ from gatjax.loop.setting import Progress
 from gatjax.report.diagnosis import write_report
 from gatjax.robot import model as robot_model
 from gatjax.runs import write_json
+from gatjax.sim.limbs import floats
 
 ENGINE = {
-    "tolerances": ("fit tolerances", 0.0, 0.3),
-    "causes": ("weigh causes", 0.3, 0.7),
+    "stand": ("simulate the standing robot", 0.0, 0.1),
+    "tolerances": ("fit tolerances", 0.1, 0.3),
+    "causes": ("weigh causes", 0.3, 0.6),
+    "floor": ("weigh causes of floor and feet", 0.6, 0.7),
     "extend": ("extend the model", 0.7, 0.72),
     "measure": ("measure on logs", 0.72, 1.0),
 }
@@ -64,8 +67,9 @@ def read_logs(verb: Diagnose) -> Logs:
         )
     }
     mapping = None if verb.map is None else read_map(verb.map)
-    fit, fit_found = _checked(verb.data, mapping, ranges, "fit")
-    held, held_found = _checked(verb.held_out, mapping, ranges, "held-out")
+    base = "floating" if floats(model) else "fixed"
+    fit, fit_found = _checked(verb.data, mapping, ranges, base, "fit")
+    held, held_found = _checked(verb.held_out, mapping, ranges, base, "held-out")
     shared = checks.same_data(fit, held)
     if shared is not None:
         raise ValueError(shared)
@@ -78,6 +82,7 @@ def _checked(
     paths: Sequence[Path],
     mapping: ColumnMap | None,
     ranges: dict[str, tuple[float, float]],
+    base: str,
     role: checks.Role,
 ) -> tuple[list[Recording], list[list[checks.Finding]]]:
     """Recordings of one role with their findings; refused ones raise."""
@@ -85,10 +90,11 @@ def _checked(
     for path in paths:
         log = read_recording(path, mapping)
         check_recording(log, list(ranges))
-        if log.metadata.get("base") == "floating":
+        stated = log.metadata.get("base", base)
+        if stated != base:
             raise ValueError(
-                f"{path}: metadata base is floating; gatjax diagnose needs a robot "
-                f"whose base is held (hang or bolt it), and base: fixed in its log"
+                f"{path}: metadata base is {stated}, but that of the model is {base}; "
+                f"give the model of the robot as it was logged"
             )
         own = checks.findings(log, ranges, role)
         refused = [each.text for each in own if each.level == "refuse"]
@@ -111,10 +117,16 @@ def _check_twice(paths: Sequence[Path]) -> None:
 
 def _check_model(model: mujoco.MjModel, path: Path) -> None:
     """Refuse robots that the engine cannot simulate joint by joint."""
-    if (model.jnt_type == mujoco.mjtJoint.mjJNT_FREE).any():
+    if (model.jnt_type[1:] == mujoco.mjtJoint.mjJNT_FREE).any():
         raise ValueError(
-            f"{path}: the base floats (a free joint); gatjax diagnose needs a model "
-            f"whose base is held: take the free joint out and log the robot hanging"
+            f"{path}: a free joint that is not the robot's base; gatjax diagnose needs "
+            f"a model of the robot and its floor alone, its base first"
+        )
+    touching = np.flatnonzero(model.geom_contype | model.geom_conaffinity)
+    if floats(model) and (model.body_weldid[model.geom_bodyid[touching]] != 0).all():
+        raise ValueError(
+            f"{path}: the base floats (a free joint), and there is no ground to stand "
+            f"on; add a plane, or take the free joint out and log the robot hanging"
         )
     if model.nu == 0:
         raise ValueError(f"{path}: no actuators; give every driven joint a <position>")

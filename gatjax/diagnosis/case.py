@@ -7,6 +7,7 @@ import itertools
 import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import jax.numpy as jnp
 import mujoco
@@ -25,17 +26,74 @@ from gatjax.robot.model import joint_names
 THREADS = os.cpu_count() or 1
 
 
+@runtime_checkable
+class Base(Protocol):
+    """How loads of the joints are weighed: along what was measured, or simulated."""
+
+    @property
+    def tree(self) -> weights.Tree:
+        """Its model and joints."""
+        ...
+
+    @property
+    def follows(self) -> bool:
+        """Whether fits of the tolerances alone change the loads."""
+        ...
+
+    def weigh(
+        self, known: list[Joint], fits: list[Fit]
+    ) -> tuple[list[motions.Motion], list[weights.Loads]]:
+        """Motion and loads of each run, beside fits of the joints if there are any."""
+        ...
+
+
+class Held(NamedTuple):
+    """A robot whose base is fixed: loads along the measured motion of all joints."""
+
+    tree: weights.Tree
+    runs: list[JointRun]
+    others: list[mujoco.MjModel]  # drawn from the tolerances of bodies and mounting
+    follows: bool = True
+
+    def weigh(
+        self, known: list[Joint], fits: list[Fit]
+    ) -> tuple[list[motions.Motion], list[weights.Loads]]:
+        """Loads by inverse dynamics."""
+        if fits:
+            moved = _resimulated(self.runs, known, fits)
+        else:
+            fine = motions.grid_time(self.runs, STEP)[:: motions.FINE]
+            moved = [motions.smoothed(run, run.angle, fine) for run in self.runs]
+        return moved, [weights.weigh(self.tree, each, self.others) for each in moved]
+
+
+def held(model: mujoco.MjModel, runs: list[JointRun], seed: int) -> Held:
+    """A robot with position servos on hinge or slide joints, its base fixed."""
+    draw = np.random.default_rng(seed)
+    others = [weights.perturbed(model, draw) for _ in range(weights.DRAWS)]
+    return Held(weights.Tree(model, model.actuator_trnid[:, 0]), runs, others)
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Case:
     """What a diagnosis starts from; `healthy` are the fits of tolerances alone."""
 
-    model: mujoco.MjModel
-    tree: weights.Tree
+    base: Base
     runs: list[JointRun]
     joints: list[Joint]
     motions: list[motions.Motion]
     loads: list[weights.Loads]
     healthy: list[Fit]
+
+    @property
+    def tree(self) -> weights.Tree:
+        """The model's actuated joints."""
+        return self.base.tree
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The nominal robot."""
+        return self.base.tree.model
 
     @property
     def supply(self) -> float:
@@ -79,31 +137,24 @@ class Case:
 
 
 def prepare(
-    model: mujoco.MjModel,
-    runs: list[JointRun],
-    tell: Callable[[str, float], None],
-    seed: int = 0,
+    base: Base, runs: list[JointRun], tell: Callable[[str, float], None]
 ) -> Case:
-    """Smooth the motions, weigh the bodies along them, fit the tolerances.
+    """Weigh what the joints carry, and fit the tolerances.
 
     Args:
-        model: with position servos on hinge or slide joints, its base fixed.
+        base: how loads are weighed.
         runs: trajectories of all actuated joints.
         tell: is called with a stage and the share of it that is done.
-        seed: of the perturbed bodies.
     """
-    tree = weights.Tree(model, model.actuator_trnid[:, 0])
-    fine = motions.grid_time(runs, STEP)[:: motions.FINE]
-    moved = [motions.smoothed(run, run.angle, fine) for run in runs]
-    others = perturbations(model, seed)
-    loads = [weights.weigh(tree, motion, others) for motion in moved]
-    ready = joints.build(model, tree, joint_names(model), runs, moved, loads)
+    moved, loads = base.weigh([], [])
+    names = joint_names(base.tree.model)
+    ready = joints.build(base.tree.model, base.tree, names, runs, moved, loads)
     case = Case(
-        model=model, tree=tree, runs=runs, joints=ready, motions=moved, loads=loads,
+        base=base, runs=runs, joints=ready, motions=moved, loads=loads,
         healthy=_healthy(ready, tell),
     )  # fmt: skip
-    if len(ready) > 1:
-        case = along(case, ready, case.healthy, seed)
+    if base.follows and len(ready) > 1:
+        case = along(case, ready, case.healthy)
         again = _healthy(case.joints, tell, [fit.x for fit in case.healthy])
         case = dataclasses.replace(case, healthy=again)
     return case
@@ -130,27 +181,18 @@ def mapped(function: Callable, items: Iterable) -> list:
         return list(pool.map(function, items))
 
 
-def along(case: Case, known: list[Joint], fits: list[Fit], seed: int = 0) -> Case:
+def along(case: Case, known: list[Joint], fits: list[Fit]) -> Case:
     """The same case with loads along the motion that fits of its joints simulate.
 
     Args:
         case: with loads along another motion; its healthy fits stay as they are.
         known: the joints as the fits simulate them.
         fits: one for each joint.
-        seed: of the perturbed bodies.
     """
-    moved = _resimulated(case.runs, known, fits)
-    others = perturbations(case.model, seed)
-    loads = [weights.weigh(case.tree, motion, others) for motion in moved]
+    moved, loads = case.base.weigh(known, fits)
     names = joint_names(case.model)
     ready = joints.build(case.model, case.tree, names, case.runs, moved, loads)
     return dataclasses.replace(case, joints=ready, motions=moved, loads=loads)
-
-
-def perturbations(model: mujoco.MjModel, seed: int) -> list[mujoco.MjModel]:
-    """Models whose bodies and mounting are drawn from the tolerances."""
-    draw = np.random.default_rng(seed)
-    return [weights.perturbed(model, draw) for _ in range(weights.DRAWS)]
 
 
 def _resimulated(

@@ -23,6 +23,16 @@ BODY = ("payload", "com_shift")
 REPEATED = 8.0
 
 
+class Stance(NamedTuple):
+    """What a claim says of floor, feet or inertial unit."""
+
+    where: str
+    values: dict[str, float]  # the catalogue's parameters, the scored one first
+    low: float  # 90 % interval of the first parameter
+    high: float
+    visibility: float
+
+
 class Claim(NamedTuple):
     """A cause with its coordinates at some joints, beside what was known before."""
 
@@ -34,6 +44,16 @@ class Claim(NamedTuple):
     body: int | None = None  # joint whose body it changes
     lost: dict[int, list[np.ndarray]] | None = None  # lost commands, per run
     covariance: np.ndarray | None = None  # of the coordinates
+    stance: Stance | None = None  # instead of joints
+
+    def place(self) -> tuple:
+        """Where it is."""
+        return self.where if self.stance is None else (self.stance.where,)
+
+    def rivals(self, other: Claim) -> bool:
+        """Whether both explain the same logs; a stance explains all of them."""
+        everything = self.stance is not None or other.stance is not None
+        return everything or bool(set(self.fits) & set(other.fits))
 
 
 def uncertainty(free: list[Fit], count: int) -> np.ndarray | None:

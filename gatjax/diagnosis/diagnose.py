@@ -14,12 +14,17 @@ from pyarrow import parquet
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import JointRun, to_arrays
 from gatjax.diagnosis import experiment, extend, measure, result, sensitivity
-from gatjax.diagnosis.case import prepare
+from gatjax.diagnosis.case import Case, held, prepare
+from gatjax.diagnosis.floor import channels, standing
+from gatjax.diagnosis.floor.judge import StandingJudge
+from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.measure import Errors
 from gatjax.diagnosis.verdict import Verdict, decide
+from gatjax.grounding.network import Network
 from gatjax.robot import model as robot_model
 from gatjax.runs import write_json
 from gatjax.sim import world as worlds
+from gatjax.sim.limbs import floats
 from gatjax.sim.world import World
 from gatjax.task import Task
 
@@ -40,7 +45,7 @@ def control_period(runs: list[JointRun]) -> float:
 
 
 def diagnose(
-    source: str, fit: list[Recording], held: list[Recording], out: Path, seed: int,
+    source: str, fit: list[Recording], unfit: list[Recording], out: Path, seed: int,
     tell: Tell,
 ) -> dict[str, Any]:  # fmt: skip
     """Show, name, extend and measure; write the folder.
@@ -48,7 +53,7 @@ def diagnose(
     Args:
         source: model file (MJCF).
         fit: recordings to explain.
-        held: recordings that only measure the gain; may be empty.
+        unfit: recordings that only measure the gain; may be empty.
         out: folder for diagnosis.json, signals.parquet, world.json, extended.xml.
         seed: of everything that is drawn.
         tell: is called with a stage and the share of it that is done.
@@ -59,18 +64,25 @@ def diagnose(
     began = time.monotonic()
     model = robot_model.load(source)
     joints = robot_model.joint_names(model)
-    logs, unseen = cut(fit, joints), cut(held, joints)
-    case = prepare(model, logs, tell, seed)
-    verdict = decide(case, tell)
-    tell("extend", 0.0)
+    logs, unseen = cut(fit, joints), cut(unfit, joints)
     period = control_period(logs)
+    if floats(model):
+        felt = [run for recording in fit for run in channels.cut(recording)]
+        base = standing.prepare(model, logs, felt, period, tell, seed)
+        logs = base.runs
+        judge = StandingJudge(prepare(base, logs, tell), base, tell)
+    else:
+        judge = Judge(prepare(held(model, logs, seed), logs, tell), tell)
+    verdict = decide(judge)
+    case = verdict.judge.case
+    tell("extend", 0.0)
     nominal = worlds.nominal(Task(control_period=period), source)
     world, predicted = _extended(verdict, source, period, logs, unseen)
     out.mkdir(parents=True, exist_ok=True)
     rows = [result.cause_row(verdict, cause, seed) for cause in verdict.causes]
     tell("measure", 0.0)
     pairs = {"nominal": _predicted(nominal, logs, unseen), "extended": predicted}
-    gain = _gain(nominal, world, logs, unseen, pairs, case, seed) if held else None
+    gain = _gain(nominal, world, logs, unseen, pairs, case, seed) if unfit else None
     _write_signals(out / "signals.parquet", joints, logs, unseen, pairs, verdict)
     made_by = {"verb": "diagnose", "seed": seed}
     worlds.write_world(out / "world.json", world, made_by, None)
@@ -83,7 +95,7 @@ def diagnose(
         "unexplained": result.unexplained(verdict),
         "gain": gain,
         "robot": fit[0].metadata.get("robot", model.names.split(b"\0")[0].decode()),
-        "files": {"fit": [r.name for r in fit], "held_out": [r.name for r in held]},
+        "files": {"fit": [r.name for r in fit], "held_out": [r.name for r in unfit]},
         "joints": result.joint_rows(verdict),
         "calibration": result.calibration_rows(verdict),
         "candidates": result.candidates(verdict),
@@ -108,10 +120,12 @@ def _extended(
     for rows in ([], extend.calibration(verdict)):
         world = extend.extended(verdict, source, period, rows)
         predicted = _predicted(world, logs, unseen)
-        error = measure.log_errors(logs, predicted[0]).squared.mean()
-        tried.append((error, world, predicted))
-    _, world, predicted = min(tried, key=lambda row: row[0])
-    return world, predicted
+        tried.append((world, predicted))
+    lost = [sum(np.isnan(rows).sum() for rows in each[0]) for _, each in tried]
+    pair = {str(k): each[0] for k, (_, each) in enumerate(tried)}
+    errors = measure.log_errors(logs, pair)
+    size = [error.squared.sum() for error in errors.values()]
+    return tried[int(lost[1] < lost[0] or (lost[1] == lost[0] and size[1] < size[0]))]
 
 
 def _predicted(
@@ -124,30 +138,24 @@ def _predicted(
 
 def _gain(
     nominal: World, world: World, logs: list[JointRun], unseen: list[JointRun],
-    pairs: dict, case: Any, seed: int,
-) -> dict[str, Any]:  # fmt: skip
+    pairs: dict, case: Case, seed: int,
+) -> dict[str, Any] | None:  # fmt: skip
     """Errors on the held-out runs, before and after, at all horizons."""
-    period = nominal.task.control_period
-    forward = measure.learn(logs, seed)
-    cut = measure.windows(unseen, period)
-    played = {
-        "before": measure.windowed(nominal, cut, period),
-        "after": measure.windowed(world, cut, period),
-        "learned": measure.learned_windows(forward, cut, period),
-    }
-    whole = {
-        "before": measure.log_errors(unseen, pairs["nominal"][1]),
-        "after": measure.log_errors(unseen, pairs["extended"][1]),
-        "learned": measure.log_errors(unseen, measure.learned_log(forward, unseen)),
-    }
-    horizons = []
-    for horizon in measure.HORIZONS:
-        errors = whole if horizon is None else {
-            name: measure.window_errors(cut, rows, horizon, period)
-            for name, rows in played.items()
-        }  # fmt: skip
-        told = period if horizon == 0.0 else horizon
-        horizons += _rows(told, errors, [j.name for j in case.joints], seed)
+    forward, names = measure.learn(logs, seed), [joint.name for joint in case.joints]
+    whole = measure.log_errors(
+        unseen,
+        {
+            "before": pairs["nominal"][1], "after": pairs["extended"][1],
+            "learned": measure.learned_log(forward, unseen),
+        },
+    )  # fmt: skip
+    rows = sum(len(run.time) for run in unseen)
+    compared = len(whole["before"].block) / rows
+    if compared == 0.0:
+        return None  # a robot fell at once
+    horizons = _rows(None, whole, names, seed)
+    if not floats(nominal.model):
+        horizons += _ahead(nominal, world, unseen, forward, names, seed)
     first = horizons[0]
     learnable = first["before"] - first["learned"]
     return {
@@ -158,9 +166,32 @@ def _gain(
         "learned_ceiling": first["learned"],
         "learned_share": (first["before"] - first["after"]) / learnable
         if learnable > 0.0 else None,
+        "compared_share": compared,
         "promoted": bool(first["low"] > 0.0),
         "horizons": horizons,
     }  # fmt: skip
+
+
+def _ahead(
+    nominal: World, world: World, unseen: list[JointRun], forward: Network,
+    joints: list[str], seed: int,
+) -> list[dict[str, Any]]:  # fmt: skip
+    """Rows of the short horizons, which start from measured states."""
+    period = nominal.task.control_period
+    cut = measure.windows(unseen, period)
+    played = {
+        "before": measure.windowed(nominal, cut, period),
+        "after": measure.windowed(world, cut, period),
+        "learned": measure.learned_windows(forward, cut, period),
+    }
+    rows = []
+    for horizon in measure.HORIZONS:
+        errors = {
+            name: measure.window_errors(cut, angles, horizon, period)
+            for name, angles in played.items()
+        }
+        rows += _rows(horizon or period, errors, joints, seed)
+    return rows
 
 
 def _rows(

@@ -9,10 +9,11 @@ import numpy as np
 
 from gatjax.diagnosis import extend
 from gatjax.diagnosis.claims import Claim
+from gatjax.diagnosis.measure import fallen
 from gatjax.diagnosis.verdict import Verdict
 from gatjax.motions import MENU
 from gatjax.sim import world as worlds
-from gatjax.sim.limbs import limbs_of, put_down
+from gatjax.sim.limbs import floats, limbs_of, put_down
 from gatjax.sim.replay import replay_many
 from gatjax.sim.world import World, stacked
 from gatjax.task import Task
@@ -61,6 +62,7 @@ def propose(
     limbs = limbs_of(named[0].model)
     moving = np.zeros(len(limbs.names), bool)
     moving[sorted({k for claim in claims for k in claim.where})] = True
+    moving |= any(claim.stance is not None for claim in claims)
     targets = {
         motion.name: motion.build(
             limbs, moving, 1.0 / period, seed, seconds=min(SECONDS, motion.seconds)
@@ -88,8 +90,8 @@ def _world(
     """The nominal world with some causes only."""
     world = worlds.nominal(Task(control_period=period), source)
     for claim in claims:
-        where = extend.places(verdict, claim)
-        values = extend.world_values(verdict, claim)
+        where = extend.places(verdict.judge, claim)
+        values = extend.world_values(verdict.judge, claim)
         world = worlds.add_cause(world, claim.hypothesis.cause, where, values)
     return world
 
@@ -99,7 +101,8 @@ def _separations(
 ) -> list[float]:
     """RMS difference of two worlds' readings in standard deviations of the noise.
 
-    Of every motion; targets [T, J] rad may differ in length.
+    Of every motion; targets [T, J] rad may differ in length. A motion that one of them
+    falls at separates nothing.
     """
     lead = round(SETTLE / pair[0].task.control_period)
     longest = max(len(target) for target in targets)
@@ -110,15 +113,18 @@ def _separations(
         ]
     )
     noise = np.array([joint.noise for joint in verdict.judge.joints])
-    played = []
+    played, falls = [], np.zeros(len(targets), bool)
     for world in pair:
         model, values = world.model, stacked([world.values] * len(targets))
         qpos = np.stack([put_down(model, target[0]) for target in targets])
         rows = replay_many(world, values, commands, qpos, np.zeros(model.nv))
         played.append(np.asarray(rows.reading.angle)[:, lead:])
+        if floats(model):
+            falls |= fallen(np.asarray(rows.up)).any(-1)
     change = np.square((played[0] - played[1]) / noise)
     apart = [
         float(np.sqrt(one[: len(target)].mean()))
         for one, target in zip(change, targets, strict=True)
     ]
-    return [one if np.isfinite(one) else 0.0 for one in apart]
+    stood = np.isfinite(apart) & ~falls
+    return [one if ok else 0.0 for one, ok in zip(apart, stood, strict=True)]

@@ -10,7 +10,8 @@ import numpy as np
 
 from gatjax.diagnosis import plant
 from gatjax.diagnosis.claims import Claim
-from gatjax.diagnosis.hypotheses import COUNT, RELATIVE, TOLERANCES, numbers
+from gatjax.diagnosis.hypotheses import COUNT, TOLERANCES, numbers
+from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.verdict import Verdict
 from gatjax.effects.catalogue import CATALOGUE
 from gatjax.sim import world as worlds
@@ -22,10 +23,11 @@ LEAST = 0.25  # of its tolerance: a smaller correction is left out
 Row = dict[str, Any]
 
 
-def parameters(verdict: Verdict, claim: Claim) -> dict[str, float]:
+def parameters(judge: Judge, claim: Claim) -> dict[str, float]:
     """A claim's parameters under the catalogue's names, SI; the scored one first."""
-    case = verdict.judge.case
-    index = claim.where[0]
+    if claim.stance is not None:
+        return claim.stance.values
+    case, index = judge.case, claim.where[0]
     if claim.lost:
         commands = {k: case.commands(k) for k in claim.lost}
         lost = sum(int(m.sum()) for masks in claim.lost.values() for m in masks)
@@ -42,18 +44,26 @@ def parameters(verdict: Verdict, claim: Claim) -> dict[str, float]:
             "probability": lost / max(told, 1),
             "burst": max(lost / max(bursts, 1), 1.0),
         }
-    joint = verdict.judge.joints[index]
+    joint = judge.joints[index]
     values = claim.hypothesis.values(joint, claim.own)
     return {name: float(value) for name, value in values.items()}
 
 
-def world_values(verdict: Verdict, claim: Claim) -> dict[str, float]:
-    """A claim's parameters as the World's effect takes them."""
-    values = parameters(verdict, claim)
-    cause, nominal = (
-        claim.hypothesis.cause,
-        verdict.judge.joints[claim.where[0]].nominal,
-    )
+def world_values(judge: Judge, claim: Claim) -> dict[str, float]:
+    """A claim's parameters as the World's effect takes them, within its ranges."""
+    ranges = {p.name: p for p in CATALOGUE[claim.hypothesis.cause].parameters}
+    return {
+        name: float(np.clip(value, ranges[name].low, ranges[name].high))
+        for name, value in _converted(judge, claim).items()
+    }
+
+
+def _converted(judge: Judge, claim: Claim) -> dict[str, float]:
+    """A claim's parameters under the names of the World's effect."""
+    values = parameters(judge, claim)
+    if claim.stance is not None:
+        return values
+    cause, nominal = claim.hypothesis.cause, judge.joints[claim.where[0]].nominal
     if cause == "speed_limit":
         on_motor = "no_torque_speed" in values
         limit = values.get("no_torque_speed", values["limit"])
@@ -62,15 +72,17 @@ def world_values(verdict: Verdict, claim: Claim) -> dict[str, float]:
         heat = values["lost_fraction"] * nominal["limit"] ** 2 / np.exp(claim.own[0])
         return values | {"heat": float(max(heat, 1e-6))}
     if cause == "supply_sag":
-        return values | {"total": verdict.judge.case.supply}
+        return values | {"total": judge.case.supply}
     if cause == "joint_elasticity":
         return values | {"damping_ratio": plant.DAMPING_RATIO}
     return values
 
 
-def places(verdict: Verdict, claim: Claim) -> list[str]:
-    """Names of the joints of a claim, or ["all"]."""
-    joints = verdict.judge.joints
+def places(judge: Judge, claim: Claim) -> list[str]:
+    """Names of the joints of a claim, or ["all"]; imu, ground or a foot."""
+    joints = judge.joints
+    if claim.stance is not None:
+        return [claim.stance.where]
     if CATALOGUE[claim.hypothesis.cause].place == "all":
         return ["all"]
     if len(claim.where) == len(joints) > 1:
@@ -81,12 +93,20 @@ def places(verdict: Verdict, claim: Claim) -> list[str]:
 def calibration(verdict: Verdict) -> list[Row]:
     """Corrections of nominal numbers within their tolerances, as rows of a world."""
     rows: list[Row] = []
+    model = verdict.judge.case.model
     for joint, fit in zip(verdict.judge.joints, verdict.judge.known, strict=True):
         if joint.index in verdict.unexplained:
             continue  # its tolerances imitate what is not known
         x = dict(zip(TOLERANCES, fit.x[:COUNT], strict=True))
         drive = joint.nominal | numbers(joint, None, fit.x[:COUNT])
-        more = {name: drive[name] - joint.nominal[name] for name in RELATIVE}
+        dof = model.jnt_dofadr[model.actuator_trnid[joint.index, 0]]
+        more = {  # of the driven joint alone, where others are tied to it
+            name: max(drive[name] - joint.nominal[name], -float(own[dof]))
+            for name, own in (
+                ("damping", model.dof_damping), ("friction", model.dof_frictionloss),
+                ("armature", model.dof_armature),
+            )
+        }  # fmt: skip
         changes: dict[str, tuple[str, float]] = {
             "kp": ("gain_error", drive["kp"] / joint.nominal["kp"]),
             "kv": ("damping_error", drive["kv"] / max(joint.nominal["kv"], 1e-9)),
@@ -98,7 +118,8 @@ def calibration(verdict: Verdict) -> list[Row]:
             "delay": ("command_delay", drive["delay"]),
         }
         for name, (cause, value) in changes.items():
-            if abs(x[name]) < LEAST or (name == "limit" and more["limit"] > 0.0):
+            stronger = name == "limit" and drive["limit"] > joint.nominal["limit"]
+            if abs(x[name]) < LEAST or stronger:
                 continue
             values = {CATALOGUE[cause].main.name: float(value)}
             rows.append(
@@ -123,8 +144,8 @@ def extended(
     world = worlds.nominal(Task(control_period=period), source, float(step))
     for cause in verdict.causes:
         claim = cause.claim
-        where = places(verdict, claim)
-        values = world_values(verdict, claim)
+        where = places(verdict.judge, claim)
+        values = world_values(verdict.judge, claim)
         world = worlds.add_cause(world, claim.hypothesis.cause, where, values)
     for row in rows:
         world = worlds.add_cause(
@@ -141,6 +162,7 @@ def write_model(path: Path, world: World) -> list[str]:
         world: with a model file as its source.
     """
     spec = mujoco.MjSpec.from_file(str(world.source))
+    spec.compile()
     changed, model = worlds.fields_applied(world), world.model
     for k in range(model.nu):
         joint = spec.joint(model.joint(int(model.actuator_trnid[k, 0])).name)
@@ -159,12 +181,29 @@ def write_model(path: Path, world: World) -> list[str]:
         if not np.allclose(changed.body_ipos[k], model.body_ipos[k]):
             body.ipos[:] = changed.body_ipos[k]
     spec.option.gravity[:] = changed.opt.gravity
+    _write_geoms(spec, model, changed)
     path.write_text(spec.to_xml(), encoding="utf-8")
     return [
         f"{row['cause']} at {', '.join(row['where'])}: {_told(row['values'])}"
         for row in world.causes
         if any(part.slot != "body" for part in CATALOGUE[row["cause"]].parts)
     ]
+
+
+def _write_geoms(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, changed: mujoco.MjModel
+) -> None:
+    """Write what a world changes in floor and soles."""
+    for geom in spec.geoms:
+        k = geom.id
+        if not np.allclose(changed.geom_friction[k], model.geom_friction[k]):
+            geom.friction[:] = changed.geom_friction[k]
+        if not np.allclose(changed.geom_solref[k], model.geom_solref[k]):
+            geom.solref[:] = changed.geom_solref[k]
+        if not np.allclose(changed.geom_pos[k], model.geom_pos[k]):
+            geom.pos[:] = changed.geom_pos[k]
+        if not np.allclose(changed.geom_quat[k], model.geom_quat[k]):
+            geom.quat[:] = changed.geom_quat[k]
 
 
 def _told(values: dict[str, float]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 from collections.abc import Callable
 
@@ -37,6 +38,8 @@ RIVAL = 0.4  # of the best gain at a joint: a body cause must come that near
 class Judge:
     """Finds the claims that explain a case best, given what is explained already."""
 
+    most = 3  # causes of a case
+
     def __init__(self, case: Case, tell: Callable[[str, float], None]) -> None:
         """Start from the tolerances."""
         self.case = case
@@ -61,6 +64,13 @@ class Judge:
             moved = abs(self._evidence(index) - old) > CHANGED
             if moved or index in claim.fits:
                 self.found.pop(index, None)
+
+    def fork(self) -> Judge:
+        """A judge of the same that may accept another claim."""
+        other = copy.copy(self)
+        other.joints, other.known = list(self.joints), list(self.known)
+        other.accepted, other.found = list(self.accepted), dict(self.found)
+        return other
 
     def _evidence(self, index: int) -> float:
         return fits.evidence(self.joints[index], self.known[index])
@@ -113,6 +123,14 @@ class Judge:
             largest = max(largest, float(change / scatter))
         return largest
 
+    def confirmed(self, claim: Claim) -> bool:
+        """Whether more than the fits of its joints bears a claim out."""
+        return False
+
+    def tolerates(self, index: int) -> bool:
+        """Whether a joint may leave more than its own tolerances explain."""
+        return False
+
     def _bearing(self, index: int, claim: Claim) -> Joint:
         """A joint of the case as a claim sees it."""
         if claim.body is None:
@@ -124,18 +142,21 @@ class Judge:
         missing = [k for k in range(len(self.joints)) if k not in self.found]
         done = itertools.count(1)
 
-        def explained(index: int) -> list[Fit]:
-            bank = CAUSES + OTHERS
-            fit = search.explain(self.joints[index], self.known[index], bank)
+        def one(index: int) -> list[Fit]:
+            fit = self.explained(index)
             self.tell("causes", next(done) / len(missing))
             return fit
 
-        self.found |= dict(zip(missing, mapped(explained, missing), strict=True))
+        self.found |= dict(zip(missing, mapped(one, missing), strict=True))
         found = self._single()
         if len(self.joints) > 1:
             found += self._shared(found) + self._bodies(found)
         found += self._lost()
         return sorted(found, key=lambda claim: -claim.gain)
+
+    def explained(self, index: int) -> list[Fit]:
+        """Fits of the causes that explain a joint best, beside what is known."""
+        return search.explain(self.joints[index], self.known[index], CAUSES + OTHERS)
 
     def _single(self) -> list[Claim]:
         """Claims about one joint."""

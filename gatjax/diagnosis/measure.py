@@ -1,4 +1,9 @@
-"""How well a world predicts logs that nothing was fitted to."""
+"""How well a world predicts logs that nothing was fitted to.
+
+A standing robot starts at its first command on the floor, at rest; the middle of a log
+is no start for it, since nobody measured how its base moves. From a fall of any of the
+compared robots on, rows count for none of them.
+"""
 
 from __future__ import annotations
 
@@ -14,13 +19,14 @@ from gatjax.grounding.network import Network
 from gatjax.grounding.transitions import HISTORY
 from gatjax.robot.model import slots
 from gatjax.sim.episode import coupled
-from gatjax.sim.limbs import put_down
+from gatjax.sim.limbs import floats, put_down
 from gatjax.sim.native import Native
 from gatjax.sim.replay import replay_many
 from gatjax.sim.world import World, stacked
 
+UPRIGHT = 0.7  # least upward part of the torso's axis; below, a robot has fallen
 SETTLE = 0.5  # s at the first command before a log
-HORIZONS = (None, 0.5, 0.1, 0.0)  # s; None: the whole log, 0: one step
+HORIZONS = (0.5, 0.1, 0.0)  # s ahead of a measured state; 0: one step
 STRIDE = 0.1  # s between two windows
 WARM = 0.12  # s of a window that only fills the effects' memories
 BACK = 6  # samples of the parabola that gives the velocity at a window's start
@@ -49,7 +55,10 @@ def ticks(run: JointRun, period: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def whole_log(world: World, runs: list[JointRun]) -> list[np.ndarray]:
-    """Open-loop predictions [N, J] rad at the stamps of runs, from rest."""
+    """Open-loop predictions [N, J] rad at the stamps of runs, from rest.
+
+    A robot that stood predicts nothing (NaN) from its fall on.
+    """
     period = world.task.control_period
     lead = round(SETTLE / period)
     played = [ticks(run, period) for run in runs]
@@ -65,10 +74,22 @@ def whole_log(world: World, runs: list[JointRun]) -> list[np.ndarray]:
     angle = replay_many(world, values, commands, qpos, np.zeros(world.model.nv))
     out = []
     for k, (run, (even, _)) in enumerate(zip(runs, played, strict=True)):
-        series = np.asarray(angle.reading.angle)[k, lead : lead + len(even)]
+        part = k, slice(lead, lead + len(even))
+        series = np.array(angle.reading.angle[part])
+        if floats(world.model):
+            series[fallen(np.asarray(angle.up[part]))] = np.nan
         stamps = run.time - run.time[0]
         out.append(np.stack([np.interp(stamps, even, s) for s in series.T], -1))
     return out
+
+
+def fallen(up: np.ndarray) -> np.ndarray:
+    """Rows [..., T] from the first on at which a robot leans too far, or diverged.
+
+    Args:
+        up: [..., T, 3] unit vector against gravity in the torso's axes.
+    """
+    return np.logical_or.accumulate(~(up[..., 2] > UPRIGHT), axis=-1)
 
 
 class Windows(NamedTuple):
@@ -165,14 +186,23 @@ def learned_log(forward: Network, runs: list[JointRun]) -> list[np.ndarray]:
     return out
 
 
-def log_errors(runs: list[JointRun], predicted: list[np.ndarray]) -> Errors:
-    """Errors at every row of whole logs."""
-    squared = [np.square(r.angle - p) for r, p in zip(runs, predicted, strict=True)]
-    blocks = [
-        number * 1000 + ((run.time - run.time[0]) / BLOCK).astype(int)
-        for number, run in enumerate(runs)
-    ]
-    return Errors(np.concatenate(squared), np.concatenate(blocks))
+def log_errors(
+    runs: list[JointRun], predicted: dict[str, list[np.ndarray]]
+) -> dict[str, Errors]:
+    """Errors of several predictions at the rows of whole logs that all of them have."""
+    blocks = np.concatenate(
+        [
+            number * 1000 + ((run.time - run.time[0]) / BLOCK).astype(int)
+            for number, run in enumerate(runs)
+        ]
+    )
+    measured = np.concatenate([run.angle for run in runs])
+    squared = {
+        name: np.square(measured - np.concatenate(series))
+        for name, series in predicted.items()
+    }
+    kept = ~np.any([np.isnan(each).any(1) for each in squared.values()], axis=0)
+    return {name: Errors(each[kept], blocks[kept]) for name, each in squared.items()}
 
 
 def window_errors(

@@ -146,9 +146,8 @@ def geared_step(p: Drive, g: Grid, u: Array, s: Geared, h: float) -> Geared:
     memory = laws.warmed(p, g, memory, done, h)
     pulled = p.pull * (g.path[:, None] - s.seen(p))
     turned = s.turned + h * (turning + pulled)
-    return Geared(
-        s.q + h * (v + pulled), v, turned, turning, carried, bristle, link_bristle, memory
-    )
+    q = s.q + h * (v + pulled)
+    return Geared(q, v, turned, turning, carried, bristle, link_bristle, memory)
 
 
 def _delayed(target: Array, delay: Array, h: float) -> Any:
@@ -199,7 +198,7 @@ def _read(p: Drive, seen: Array, time: Array, lead: int, h: float) -> Array:
 
 
 class Outcome(NamedTuple):
-    """Of S simulations: readings [R, N, S], link's angle [K, R, S], last heat [R, S]."""
+    """Of S simulations: readings [R, N, S], angle of the link [K, R, S] rad, heat."""
 
     readings: Array
     angle: Array

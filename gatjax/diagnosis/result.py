@@ -23,17 +23,19 @@ UNITS = {"no_torque_speed": "rad/s"}
 
 def interval(verdict: Verdict, claim: Claim, seed: int) -> dict[str, dict[str, Any]]:
     """Parameters with their 90 % intervals, from draws of the coordinates."""
-    best = extend.parameters(verdict, claim)
+    best = extend.parameters(verdict.judge, claim)
     entry = CATALOGUE[claim.hypothesis.cause]
     units = {p.name: p.unit for p in entry.parameters} | UNITS
     draws = {name: [value] for name, value in best.items()}
-    if claim.covariance is not None and len(claim.own):
+    if claim.stance is not None:
+        draws[entry.main.name] += [claim.stance.low, claim.stance.high]
+    elif claim.covariance is not None and len(claim.own):
         low, high = np.array(claim.hypothesis.low), np.array(claim.hypothesis.high)
         noise = np.random.default_rng(seed).normal(size=(DRAWS, len(claim.own)))
         root = np.linalg.cholesky(claim.covariance + 1e-18 * np.eye(len(claim.own)))
         for row in noise:
             own = np.clip(claim.own + root @ row, low, high)
-            drawn = extend.parameters(verdict, claim._replace(own=own))
+            drawn = extend.parameters(verdict.judge, claim._replace(own=own))
             for name, value in drawn.items():
                 draws[name].append(value)
     elif claim.lost:
@@ -43,7 +45,7 @@ def interval(verdict: Verdict, claim: Claim, seed: int) -> dict[str, dict[str, A
     out = {}
     for name, value in best.items():
         low_value, high_value = np.quantile(draws[name], (0.05, 0.95))
-        if claim.lost and name == "probability":
+        if (claim.lost or claim.stance) and name == entry.main.name:
             low_value, high_value = min(draws[name]), max(draws[name])
         if name == entry.main.name:
             size = abs(value - entry.neutral) if np.isfinite(entry.neutral) else value
@@ -61,7 +63,7 @@ def cause_row(verdict: Verdict, cause: Cause, seed: int) -> dict[str, Any]:
     return {
         "cause": cause.claim.hypothesis.cause,
         "variant": cause.claim.hypothesis.variant,
-        "where": extend.places(verdict, cause.claim),
+        "where": extend.places(verdict.judge, cause.claim),
         "parameters": interval(verdict, cause.claim, seed),
         "probability": round(cause.probability, 4),
         "equivalent": cause.equivalent,
@@ -90,17 +92,23 @@ def candidates(verdict: Verdict) -> list[dict[str, Any]]:
 
 def _candidate(verdict: Verdict, claim: Claim, probability: float) -> dict[str, Any]:
     """One row of `candidates`."""
-    joints = verdict.judge.joints
-    fit = next(iter(claim.fits.values()))
+    rms = [fit.rms() for fit in claim.fits.values()]
     named = claim.hypothesis.cause
     return {
         "cause": named or claim.hypothesis.variant,
         "variant": claim.hypothesis.variant if named else "not in the catalogue",
-        "where": [joints[k].name for k in claim.where],
+        "where": _named_places(verdict, claim),
         "log_evidence": round(claim.gain, 1),
         "probability": round(float(probability), 4),
-        "rms": fit.rms(),
+        "rms": rms[0] if rms else None,
     }
+
+
+def _named_places(verdict: Verdict, claim: Claim) -> list[str]:
+    """Every joint of a claim by name; imu, ground or a foot."""
+    if claim.stance is not None:
+        return [claim.stance.where]
+    return [verdict.judge.joints[k].name for k in claim.where]
 
 
 def joint_rows(verdict: Verdict) -> list[dict[str, Any]]:
@@ -183,7 +191,7 @@ def unexplained(verdict: Verdict) -> dict[str, Any]:
         )
         found = explore(judge.case, judge.joints[index], judge.known[index])
     if verdict.law is not None:
-        values = extend.parameters(verdict, verdict.law)
+        values = extend.parameters(verdict.judge, verdict.law)
         told = ", ".join(f"{name} {value:.3g}" for name, value in values.items())
         found["law"] = f"{verdict.law.hypothesis.variant} ({told})"
     return {"significant": bool(names), "share": float(share), "where": names, **found}

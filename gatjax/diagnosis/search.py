@@ -12,6 +12,7 @@ from gatjax.diagnosis.joint import Joint
 STARTS = 2  # of each hypothesis that are refined
 KEPT = (40, 12, 6, 4)  # hypotheses after each round
 ROUNDS = (1, 2, 3, 5)  # iterations in each round
+PROPOSED, TURNS = (40, 12), (1, 4)  # the same, where another judge weighs them
 RIVALS = 8  # fits that are returned; those that were dropped are not at their best
 BEHIND = 40.0  # nats behind the best: dropped
 PROMISING = 2.0  # nats: less is nothing
@@ -29,7 +30,7 @@ def healthy(joint: Joint, x: np.ndarray | None = None) -> Fit:
 
 
 def scan(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
-    """Best starts of every hypothesis added to a fit, the rest adjusted linearly or not.
+    """Best starts of every hypothesis added to a fit, the rest adjusted or not.
 
     Sine laws start as pairs of equal rate, whose two amplitudes are solved for.
     """
@@ -107,19 +108,11 @@ def _solved(
 
 
 def explain(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
-    """Fits of the bank's best hypotheses, best first, one per cause and variant.
-
-    The scan starts from the fit and then from the nominal model: tolerances that
-    imitate a cause are a bad place to look for it.
-    """
-    found = scan(joint, base, bank)
-    known = fits.evidence(joint, base)
+    """Fits of the bank's best hypotheses, best first, one per cause and variant."""
+    found, known = scan(joint, base, bank), fits.evidence(joint, base)
     if _unsuspicious(joint, base, [fits.evidence(joint, f) - known for f in found]):
         return _best(found, KEPT[-1])
-    plain = base.x.copy()
-    plain[:COUNT] = 0.0
-    fresh = fits.start(joint, [(base.hypothesis, plain)])[0]
-    found += scan(joint, fresh, tuple(h for h in bank if len(h.starts) < FEW))
+    found += _scanned_afresh(joint, base, bank)
     dropped: list[Fit] = []
     for kept, rounds in zip(KEPT, ROUNDS, strict=True):
         dropped += _best(found, len(found))[kept:]
@@ -131,6 +124,28 @@ def explain(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
         found = [f for f, kept_on in zip(found, near, strict=True) if kept_on]
     found = _shaken(joint, _best(found, len(found)))
     return _best(found + dropped, RIVALS)
+
+
+def proposals(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
+    """Fits of promising hypotheses, best first, not at their best yet."""
+    found, known = scan(joint, base, bank), fits.evidence(joint, base)
+    if _unsuspicious(joint, base, [fits.evidence(joint, f) - known for f in found]):
+        return _best(found, KEPT[-1])
+    found += _scanned_afresh(joint, base, bank)
+    for kept, rounds in zip(PROPOSED, TURNS, strict=True):
+        found = fits.improve(joint, _best(found, kept), rounds)
+    return _best(found, RIVALS)
+
+
+def _scanned_afresh(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
+    """Starts beside the nominal model.
+
+    Tolerances that imitate a cause are a bad place to look for it.
+    """
+    plain = base.x.copy()
+    plain[:COUNT] = 0.0
+    fresh = fits.start(joint, [(base.hypothesis, plain)])[0]
+    return scan(joint, fresh, tuple(h for h in bank if len(h.starts) < FEW))
 
 
 def _shaken(joint: Joint, found: list[Fit]) -> list[Fit]:

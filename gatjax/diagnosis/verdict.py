@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +11,6 @@ from gatjax.diagnosis.claims import WORTH, Claim
 from gatjax.diagnosis.hypotheses import Hypothesis
 from gatjax.diagnosis.judge import Judge
 
-MOST_CAUSES = 3
 TEMPER = 0.5  # of the log evidence, so that probabilities are calibrated
 CERTAIN = 0.8  # probability from which a cause is named
 LIKELY = 0.5  # probability that a further cause needs to be told at all
@@ -54,17 +52,17 @@ class Verdict(NamedTuple):
     judge: Judge
 
 
-def decide(case: Case, tell: Callable[[str, float], None]) -> Verdict:
+def decide(judge: Judge) -> Verdict:
     """Name causes one after the other until nothing worth naming is left."""
-    judge = Judge(case, tell)
+    case = judge.case
     causes: list[Cause] = []
     law: Claim | None = None
     claims = judge.claims()
-    while len(causes) < MOST_CAUSES:
+    while len(causes) < judge.most:
         best = next((c for c in claims if worth_naming(judge, case, c)), None)
         if best is None:
             break
-        if not best.hypothesis.cause or explained(judge, best) < LEAST_SHARE:
+        if not (judge.confirmed(best) or _whole(judge, best)):
             named = _pair(judge, claims, best)
             if named is None:
                 law = best if not best.hypothesis.cause else None
@@ -75,6 +73,8 @@ def decide(case: Case, tell: Callable[[str, float], None]) -> Verdict:
             break
         causes.append(cause)
         judge.accept(best)
+        if len(causes) == judge.most:
+            break
         count = len(judge.joints)
         claims = [c for c in judge.claims() if not _again(c, causes, count)]
     left = [k for k in range(len(judge.joints)) if not adequate(judge, case, k)]
@@ -97,6 +97,11 @@ def worth_naming(judge: Judge, case: Case, claim: Claim) -> bool:
     if len(again) == len(claim.fits) and explained(judge, claim) < SECOND_SHARE:
         return False
     return judge.visibility(claim) > VISIBLE
+
+
+def _whole(judge: Judge, claim: Claim) -> bool:
+    """Whether a claim has a name and explains most of the misfit at its joints."""
+    return bool(claim.hypothesis.cause) and explained(judge, claim) >= LEAST_SHARE
 
 
 def explained(judge: Judge, claim: Claim) -> float:
@@ -143,7 +148,8 @@ def adequate(judge: Judge, case: Case, index: int) -> bool:
     before = case.healthy[index].rms() / joint.noise
     known = any(index in claim.fits for claim in judge.accepted)
     most = ROUGH if known else TOLERABLE
-    return level < most or level**2 < REST * before**2
+    enough = level < most or level**2 < REST * before**2
+    return enough or judge.tolerates(index)
 
 
 def _pair(judge: Judge, claims: list[Claim], law: Claim) -> Claim | None:
@@ -154,9 +160,7 @@ def _pair(judge: Judge, claims: list[Claim], law: Claim) -> Claim | None:
         and set(claim.where) & set(law.where)
     ][:2]  # fmt: skip
     for first in named:
-        trial = Judge(judge.case, judge.tell)
-        trial.joints, trial.known = list(judge.joints), list(judge.known)
-        trial.accepted, trial.found = list(judge.accepted), dict(judge.found)
+        trial = judge.fork()
         trial.accept(first)
         second = trial.claims()[0]
         both = first.gain + second.gain
@@ -180,7 +184,7 @@ def _weighed(judge: Judge, best: Claim, claims: list[Claim]) -> Cause:
     """Probability of a claim against its rivals; aliases count as one."""
     count = len(judge.joints)
     mine = alias(best.hypothesis, count)
-    rivals = [c for c in claims if set(c.fits) & set(best.fits) and c is not best]
+    rivals = [c for c in claims if c.rivals(best) and c is not best]
     gains = np.array([best.gain, *(c.gain for c in rivals)])
     weights = np.exp(TEMPER * (gains - gains.max()))
     same = np.array([True, *(_same(c, best, mine) for c in rivals)])
@@ -188,9 +192,10 @@ def _weighed(judge: Judge, best: Claim, claims: list[Claim]) -> Cause:
         weights[same].sum() / (weights.sum() + np.exp(-TEMPER * gains[0]))
     )
     shares = weights[1:] / weights.sum()
+    near = [c for c in rivals if c.place() == best.place()]
     close = {
-        c.hypothesis.cause for c in rivals
-        if c.hypothesis.cause and c.where == best.where and best.gain - c.gain < CLOSE
+        c.hypothesis.cause for c in near
+        if c.hypothesis.cause and best.gain - c.gain < CLOSE
     }  # fmt: skip
     equivalent = sorted((close | mine) - {best.hypothesis.cause})
     return Cause(best, probability, list(zip(rivals, shares, strict=True)), equivalent)
@@ -198,4 +203,4 @@ def _weighed(judge: Judge, best: Claim, claims: list[Claim]) -> Cause:
 
 def _same(claim: Claim, best: Claim, aliases: frozenset[str]) -> bool:
     """Whether a rival says the same: cause or alias, and place."""
-    return claim.hypothesis.cause in aliases and claim.where == best.where
+    return claim.hypothesis.cause in aliases and claim.place() == best.place()

@@ -7,19 +7,22 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis.claims import PLACE, PRICE
-from gatjax.diagnosis.floor import causes, estimate
-from gatjax.diagnosis.floor.causes import Known, Suspect
+from gatjax.diagnosis.floor import causes, estimate, played
+from gatjax.diagnosis.floor.causes import Suspect
 from gatjax.diagnosis.floor.observed import (
     Observed,
     Weighed,
+    gained,
     observe,
     vector,
     weighed,
     widened,
 )
-from gatjax.diagnosis.floor.played import Rows, replayed
+from gatjax.diagnosis.floor.played import Rows
 from gatjax.diagnosis.floor.standing import Standing
+from gatjax.diagnosis.loads import TILT
 from gatjax.effects.sensor import turned
 from gatjax.sim.world import World
 
@@ -41,68 +44,80 @@ class FloorClaim(NamedTuple):
     high: float
     gain: float  # nats over what was known before, prices paid
     channels: dict[str, float]  # nats of each channel
+    visibility: float  # RMS change over the scatter from tolerances
 
 
 class Scene(NamedTuple):
-    """A standing robot with what is known of it, as the claims are weighed."""
+    """A standing robot as all its claims are weighed."""
 
     standing: Standing
-    seen: Observed
-    world: World  # with the known causes
+    world: World  # nominal
     rows: list[Rows]  # nominal, of each run
-    known: Weighed
+    suspects: list[Suspect]
+    simulated: list[np.ndarray]  # channels [K, C, B] at the nodes of each suspect
+    seen: Observed
+    known: Weighed  # the nominal robot
 
 
-def claims(
-    standing: Standing, tell: Callable[[str, float], None], known: Known = ()
-) -> list[FloorClaim]:
+def claims(scene: Scene, tell: Callable[[str, float], None]) -> list[FloorClaim]:
     """All claims, best first.
 
     Args:
-        standing: what `prepare` made ready.
+        scene: the robot and what is known of it.
         tell: is called with a stage and the share of it that is done.
-        known: causes that are named already; they stay in every simulation.
     """
-    scene = _scene(standing, known)
-    suspects = causes.suspects(standing.model)
-    nodes = [
-        suspect.world(scene.world, x) for suspect in suspects for x in suspect.nodes
-    ]
-    played = _predicted(scene, nodes)
-    scene = _tolerant(scene, suspects, played)
-    found, first = [_imu(scene)], 0
-    for number, suspect in enumerate(suspects):
-        tell("floor", number / len(suspects))
-        mine = played[first : first + len(suspect.nodes)]
-        first += len(suspect.nodes)
+    found = [_imu(scene)]
+    for number, suspect in enumerate(scene.suspects):
+        tell("floor", number / len(scene.suspects))
         fitted = _leaning if len(suspect.axes) > 1 else _along
-        found.append(fitted(scene, suspect, mine))
+        found.append(fitted(scene, suspect, scene.simulated[number]))
     return sorted(found, key=lambda claim: -claim.gain)
 
 
-def _scene(standing: Standing, known: Known) -> Scene:
-    one = standing.ensembles[0]
-    world = causes.extended(one.world, known)
+def scene(standing: Standing) -> Scene:
+    """Simulate all suspects of a robot, and widen its tolerances by small ones."""
+    world = standing.ensembles[0].world
+    rows = [_first(row) for row in standing.ensembles[0].rows]
+    suspects = causes.suspects(standing.model)
+    nodes = [suspect.world(world, x) for suspect in suspects for x in suspect.nodes]
     seen = observe(standing)
-    rows = one.rows
-    if known:
-        rows = replayed(world, standing.runs, causes.batch(world, [world]))
-    rows = [_first(row) for row in rows]
     nominal = vector(standing, seen.names, rows)[0]
-    return Scene(standing, seen, world, rows, weighed(seen, nominal))
+    ends = np.cumsum([len(suspect.nodes) for suspect in suspects])[:-1]
+    simulated = np.split(_predicted(standing, seen.names, nodes), ends)
+    wide = widened(seen, _tolerances(suspects, simulated, nominal))
+    known = weighed(wide, nominal)
+    return Scene(standing, world, rows, suspects, simulated, wide, known)
 
 
-def _tolerant(scene: Scene, suspects: list[Suspect], played: np.ndarray) -> Scene:
-    """The scene with soles and ground that are nominal only within TOLERATED."""
-    nominal = vector(scene.standing, scene.seen.names, scene.rows)[0]
-    columns, first = [], 0
-    for suspect in suspects:
+def _tolerances(
+    suspects: list[Suspect], simulated: list[np.ndarray], nominal: np.ndarray
+) -> np.ndarray:
+    """Small changes [C, B, K] of soles, ground and tilt that are no cause.
+
+    The tilt is a tolerance of the ensemble, too; a direction of its own costs less than
+    what a few draws make of it.
+    """
+    columns = []
+    for suspect, channels in zip(suspects, simulated, strict=True):
         if suspect.cause in TOLERATED:
             node, share = TOLERATED[suspect.cause]
-            columns.append(share * (played[first + node] - nominal))
-        first += len(suspect.nodes)
-    seen = widened(scene.seen, np.stack(columns, -1))
-    return scene._replace(seen=seen, known=weighed(seen, nominal))
+            columns.append(share * (channels[node] - nominal))
+        if suspect.cause == "gravity_tilt":
+            columns += list(TILT * _slopes(suspect, channels))
+    return np.stack(columns, -1)
+
+
+def replayed(scene: Scene, world: World, runs: list[JointRun]) -> Weighed:
+    """How well a world of any structure, given the runs' commands, meets the logs."""
+    rows = played.replayed(world, runs, [world.values])
+    return weighed(scene.seen, vector(scene.standing, scene.seen.names, rows)[0])
+
+
+def visibility(scene: Scene, best: Weighed) -> float:
+    """RMS change over the scatter from tolerances and noise; the largest channel's."""
+    change = np.square(scene.known.rest - best.rest).mean(1)
+    scatter = np.square(scene.seen.scatter).sum(-1).mean(1) + scene.seen.noise**2
+    return float(np.sqrt(change / scatter).max())
 
 
 def _first(row: Rows) -> Rows:
@@ -110,11 +125,13 @@ def _first(row: Rows) -> Rows:
     return Rows(row.time, row.command, *(part[:1] for part in row[2:]))
 
 
-def _predicted(scene: Scene, worlds: list[World]) -> np.ndarray:
+def _predicted(
+    standing: Standing, names: tuple[str, ...], worlds: list[World]
+) -> np.ndarray:
     """Channels [S, C, B] of worlds that differ in the causes' fields."""
-    values = causes.batch(scene.world, worlds)
-    rows = replayed(scene.world, scene.standing.runs, values)
-    return vector(scene.standing, scene.seen.names, rows)
+    world = standing.ensembles[0].world
+    rows = played.replayed(world, standing.runs, causes.batch(world, worlds))
+    return vector(standing, names, rows)
 
 
 def _claim(
@@ -124,12 +141,12 @@ def _claim(
     """A claim at its best value."""
     bins = scene.seen.measured.shape[1]
     per = bins * np.log(scene.known.level / best.level)
-    gain = best.evidence - scene.known.evidence - PRICE * len(x) - PLACE
+    gain = gained(scene.known, best) - PRICE * len(x) - PLACE
     low, high = np.clip(span, suspect.low, suspect.high)
     channels = dict(zip(scene.seen.names, map(float, per), strict=True))
     return FloorClaim(
         suspect.cause, suspect.where, suspect.values(x), float(low), float(high),
-        float(gain), channels,
+        float(gain), channels, visibility(scene, best),
     )  # fmt: skip
 
 
@@ -161,15 +178,14 @@ def _askew(row: Rows, angles: np.ndarray) -> Rows:
     )  # fmt: skip
 
 
-def _leaning(scene: Scene, suspect: Suspect, played: np.ndarray) -> FloorClaim:
+def _leaning(scene: Scene, suspect: Suspect, seen: np.ndarray) -> FloorClaim:
     """The best vector: slopes from simulated pairs, and simulations at the best."""
-    size = np.abs(suspect.nodes).max()
-    slopes = (played[0::2] - played[1::2]) / (2.0 * size)
+    slopes = _slopes(suspect, seen)
     x, now, covariance = np.zeros(len(slopes)), scene.known, np.eye(len(slopes))
     best = (x, now, covariance)
     for round_ in range(ROUNDS):
         x, covariance = estimate.improved(scene.seen, now, x, slopes)
-        now = weighed(scene.seen, _predicted(scene, [suspect.world(scene.world, x)])[0])
+        now = replayed(scene, suspect.world(scene.world, x), scene.standing.runs)
         if round_ and now.evidence <= best[1].evidence:
             break
         best = (x, now, covariance)
@@ -179,12 +195,18 @@ def _leaning(scene: Scene, suspect: Suspect, played: np.ndarray) -> FloorClaim:
     return _claim(scene, suspect, x, now, estimate.length(x, covariance))
 
 
-def _along(scene: Scene, suspect: Suspect, played: np.ndarray) -> FloorClaim:
+def _slopes(suspect: Suspect, seen: np.ndarray) -> np.ndarray:
+    """Channels [P, C, B] per unit of a vector, from simulated pairs [2 P, C, B]."""
+    size = np.abs(suspect.nodes).max()
+    return (seen[0::2] - seen[1::2]) / (2.0 * size)
+
+
+def _along(scene: Scene, suspect: Suspect, seen: np.ndarray) -> FloorClaim:
     """The best severity of one parameter, between simulated ones."""
     neutral = _neutral(scene, suspect)
     nominal = vector(scene.standing, scene.seen.names, scene.rows)
     places = [neutral, *suspect.nodes[:, 0]]
-    curve = dict(zip(places, np.concatenate([nominal, played]), strict=True))
+    curve = dict(zip(places, np.concatenate([nominal, seen]), strict=True))
     for round_ in range(ROUNDS):
         found = estimate.profile(scene.seen, curve, neutral)
         best = max(found, key=lambda x: found[x].evidence)
@@ -192,7 +214,7 @@ def _along(scene: Scene, suspect: Suspect, played: np.ndarray) -> FloorClaim:
             break
         if round_ + 1 < ROUNDS:
             world = suspect.world(scene.world, np.array([best]))
-            curve[best] = _predicted(scene, [world])[0]
+            curve[best] = _predicted(scene.standing, scene.seen.names, [world])[0]
     span = estimate.inside(found)
     return _claim(scene, suspect, np.array([best]), found[best], span)
 

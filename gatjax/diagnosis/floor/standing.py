@@ -11,16 +11,20 @@ import numpy as np
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.floor import pushes, tolerances, weights
-from gatjax.diagnosis.floor.channels import Channels
+from gatjax.diagnosis.floor.channels import TILT, Channels
 from gatjax.diagnosis.floor.played import Rows, replayed, world_of
 from gatjax.diagnosis.floor.tolerances import Draw
 from gatjax.diagnosis.floor.weights import Trace
 from gatjax.diagnosis.hypotheses import numbers
 from gatjax.diagnosis.joint import STEP, Joint, noise_of
 from gatjax.diagnosis.loads import COARSE, Loads, Tree
+from gatjax.diagnosis.measure import fallen
 from gatjax.diagnosis.motion import FINE, Motion, grid_time, smoothed
 from gatjax.sim.world import World
 
+LEAST = 2.0  # s: a shorter run is left out
+BEFORE = 0.3  # s before a fall that are left out: it has begun
+LEANING = 0.8  # rad of roll or pitch: the robot has fallen
 SMOOTHED = 0.15  # of the noise variance: what smoothing leaves of it
 FOLLOWED = 2  # rounds until a traced joint moves as its fit does
 
@@ -41,6 +45,38 @@ class Standing(NamedTuple):
     runs: list[JointRun]
     channels: list[Channels]  # of each run
     ensembles: list[Ensemble]
+    follows: bool = False  # the motion is simulated: tolerances do not change it
+
+    def weigh(
+        self, known: list[Joint], fits: list[Fit]
+    ) -> tuple[list[Motion], list[Loads]]:
+        """Motions and loads of all runs for the single-joint engine.
+
+        Args:
+            known: joints as the engine simulates them, on loads found before.
+            fits: what is known about each; joints with a hypothesis are made to move
+                as they say, and what they leave counts as unexplained by them.
+
+        Returns:
+            One motion and one load for each run, for `gatjax.diagnosis.joint.build`.
+        """
+        time = grid_time(self.runs, STEP)[::FINE]
+        followed = _followed(known, fits)
+        motions, loads = [], []
+        for number, run in enumerate(self.runs):
+            wanted = {k: angle[:, number] for k, (angle, _) in followed.items()}
+            trace = _traced(self.tree, run, time, wanted)
+            stamps = run.time - run.time[0]
+            seen = [np.interp(stamps, time, q) for q in trace.motion.position.T]
+            for joint, (_, readings) in followed.items():
+                seen[joint] = readings[number, : len(stamps)]
+            rest = run.angle - np.stack(seen, -1)
+            left = smoothed(run, rest, time[::COARSE]).position
+            answers = [moment.answer for moment in trace.moments]
+            felt = pushes.felt(answers, left, scatter(self, number))
+            motions.append(trace.motion)
+            loads.append(_loads(self, number, trace, felt))
+        return motions, loads
 
 
 def prepare(
@@ -61,49 +97,63 @@ def prepare(
         tell: is called with a stage and the share of it that is done.
         seed: of the draws.
     """
+    runs, channels = upright(model, runs, channels, period)
     found = []
     for number, step in enumerate(tolerances.STEPS):
-        tell("floor", number / len(tolerances.STEPS))
+        tell("stand", number / len(tolerances.STEPS))
         world = tolerances.timed(world_of(model, period, step))
         count = tolerances.DRAWS // len(tolerances.STEPS)
         robots = tolerances.draws(model, count, seed + number)
         values = [tolerances.values_of(world, robot) for robot in robots]
         zero = np.stack([robot.zero for robot in robots])
-        found.append(Ensemble(world, robots, replayed(world, runs, values, -zero)))
+        found.append(
+            _stood(Ensemble(world, robots, replayed(world, runs, values, -zero)))
+        )
     tree = Tree(model, model.actuator_trnid[:, 0])
     return Standing(model, tree, runs, channels, found)
 
 
-def weigh(
-    standing: Standing, known: list[Joint] | None = None, fits: list[Fit] | None = None
-) -> tuple[list[Motion], list[Loads]]:
-    """Motions and loads of all runs for the single-joint engine.
+def upright(
+    model: mujoco.MjModel, runs: list[JointRun], channels: list[Channels], period: float
+) -> tuple[list[JointRun], list[Channels]]:
+    """What runs and channels say before the robot, or its nominal model, falls.
 
-    Args:
-        standing: the robot.
-        known: joints as the engine simulates them, on loads found before.
-        fits: what is known about each; joints with a hypothesis are made to move as
-            they say, and what they leave counts as unexplained by them.
-
-    Returns:
-        One motion and one load for each run, for `gatjax.diagnosis.joint.build`.
+    Raises:
+        ValueError: no run of LEAST seconds is left.
     """
-    time = grid_time(standing.runs, STEP)[::FINE]
-    followed = _followed(known or [], fits or [])
-    motions, loads = [], []
-    for number, run in enumerate(standing.runs):
-        wanted = {k: angle[:, number] for k, (angle, _) in followed.items()}
-        trace = _traced(standing.tree, run, time, wanted)
+    world = tolerances.timed(world_of(model, period, tolerances.STEPS[0]))
+    left = []
+    for row, run, logged in zip(
+        replayed(world, runs, [world.values]), runs, channels, strict=True
+    ):
         stamps = run.time - run.time[0]
-        seen = [np.interp(stamps, time, q) for q in trace.motion.position.T]
-        for joint, (_, readings) in followed.items():
-            seen[joint] = readings[number, : len(stamps)]
-        left = smoothed(run, run.angle - np.stack(seen, -1), time[::COARSE]).position
-        answers = [moment.answer for moment in trace.moments]
-        felt = pushes.felt(answers, left, scatter(standing, number))
-        motions.append(trace.motion)
-        loads.append(_loads(standing, number, trace, felt))
-    return motions, loads
+        down = np.interp(stamps, row.time, fallen(row.up[0]) * 1.0) > 0.0
+        for name in set(TILT) & set(logged):
+            down |= np.logical_or.accumulate(np.abs(logged[name]) > LEANING)
+        end = stamps[down][0] - BEFORE if down.any() else stamps[-1]
+        kept = stamps <= end
+        if end >= LEAST:
+            cut = run._replace(
+                time=run.time[kept], command=run.command[kept], angle=run.angle[kept]
+            )
+            left.append((cut, {name: each[kept] for name, each in logged.items()}))
+    if not left:
+        raise ValueError(
+            f"the robot or its model falls within {LEAST:g} s in every log; log a "
+            f"motion at which both keep standing, or hang the robot"
+        )
+    return [run for run, _ in left], [logged for _, logged in left]
+
+
+def _stood(ensemble: Ensemble) -> Ensemble:
+    """The ensemble without robots that fell or diverged; the nominal one stays."""
+    down = np.any([fallen(row.up).any(1) for row in ensemble.rows], axis=0)
+    kept = np.flatnonzero(~down | (np.arange(len(down)) == 0))
+    rows = [
+        Rows(row.time, row.command, *(part[kept] for part in row[2:]))
+        for row in ensemble.rows
+    ]
+    return Ensemble(ensemble.world, [ensemble.robots[k] for k in kept], rows)
 
 
 def _followed(

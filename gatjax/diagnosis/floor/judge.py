@@ -1,0 +1,191 @@
+"""The judge of a standing robot: every claim is replayed by the whole robot.
+
+Two feet on the ground close a chain, so what one joint of a leg does looks like a small
+fault of all others. A joint's own fit only proposes: its claim counts what the whole
+extended robot explains of all channels, in the same nats as a claim about the floor.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+
+from gatjax.data.trajectories import JointRun
+from gatjax.diagnosis import extend, search
+from gatjax.diagnosis.bank import CAUSES, OTHERS
+from gatjax.diagnosis.case import Case, along, mapped
+from gatjax.diagnosis.claims import PLACE, PRICE, Claim, Stance
+from gatjax.diagnosis.drops import ODDS, held
+from gatjax.diagnosis.fit import Fit
+from gatjax.diagnosis.floor import causes, claims
+from gatjax.diagnosis.floor.claims import FloorClaim
+from gatjax.diagnosis.floor.observed import Weighed, gained, weighed_rest
+from gatjax.diagnosis.floor.standing import Standing
+from gatjax.diagnosis.hypotheses import Hypothesis, Numbers
+from gatjax.diagnosis.joint import Joint
+from gatjax.diagnosis.judge import Judge
+from gatjax.diagnosis.loads import Tree
+from gatjax.effects.catalogue import CATALOGUE
+from gatjax.sim.world import fields_applied
+
+PROPOSED = 1.0  # nats of a joint's own fit: a claim below is not replayed
+MOST = 14  # claims that are replayed
+PAIR = 2  # joints: a slipping foot looks like larger groups, short of all
+REFINED = 3  # best of them whose size is looked for
+ROUNDS = 2  # of it
+SIZES = (0.5, 0.7, 0.85, 1.0, 1.2, 1.5, 2.0)  # that are tried, to first order
+LADDER = 400  # coordinates to choose from
+LOUD = 2.0  # times the scatter within tolerances: a joint that leaves less is explained
+
+
+class StandingJudge(Judge):
+    """Finds what explains joints, inertial unit and feet together best."""
+
+    most = 1
+
+    def __init__(
+        self, case: Case, standing: Standing, tell: Callable[[str, float], None]
+    ) -> None:
+        """Start from the tolerances of a case whose base is the standing robot."""
+        super().__init__(case, tell)
+        self.standing = standing
+        self.scene = claims.scene(standing)
+        self.outcomes: dict[tuple, Weighed] = {}
+
+    def claims(self) -> list[Claim]:
+        """All claims that the whole robot was simulated with, best first."""
+        proposed = [
+            claim for claim in super().claims()
+            if claim.hypothesis.cause and claim.gain > PROPOSED
+            and (len(claim.where) <= PAIR or len(claim.where) == len(self.joints))
+        ][:MOST]  # fmt: skip
+        found = sorted((self._replayed(claim) for claim in proposed), key=_worst_first)
+        found[-REFINED:] = [self._refined(claim) for claim in found[-REFINED:]]
+        found += [_claim(one) for one in claims.claims(self.scene, self.tell)]
+        return sorted(found, key=lambda claim: -claim.gain)
+
+    def explained(self, index: int) -> list[Fit]:
+        """Fits that are good enough to propose a cause."""
+        return search.proposals(self.joints[index], self.known[index], CAUSES + OTHERS)
+
+    def _replayed(self, claim: Claim) -> Claim:
+        """The claim with the nats that it is worth to the whole robot."""
+        best = self._outcome(claim)
+        places = 1 if len(claim.where) == len(self.joints) else len(claim.where)
+        lost = sum(mask.sum() for runs in (claim.lost or {}).values() for mask in runs)
+        price = PRICE * len(claim.own) + ODDS * float(lost) + PLACE * places
+        gain = gained(self.scene.known, best) - price
+        return claim._replace(gain=gain)
+
+    def _refined(self, claim: Claim) -> Claim:
+        """The claim at the size that suits the whole robot best.
+
+        A joint's own fit takes what the other leg does for its own doing.
+        """
+        if len(claim.own) != 1:
+            return claim
+        for _ in range(ROUNDS):
+            now = self._outcome(claim)
+            change = now.rest - self.scene.known.rest
+            tried = {
+                size: weighed_rest(self.scene.seen, now.rest + (size - 1.0) * change)
+                for size in SIZES
+            }
+            best = max(tried, key=lambda size: tried[size].evidence)
+            if best == 1.0:
+                break
+            other = self._replayed(claim._replace(own=self._resized(claim, best)))
+            if other.gain <= claim.gain:
+                break
+            claim = other
+        return claim
+
+    def _resized(self, claim: Claim, size: float) -> np.ndarray:
+        """The coordinate [1] at which a cause is so many times as large as it is."""
+        hypothesis, joint = claim.hypothesis, self.joints[claim.where[0]]
+        main = CATALOGUE[hypothesis.cause].main.name
+        neutral = CATALOGUE[hypothesis.cause].neutral
+        ladder = np.linspace(hypothesis.low[0], hypothesis.high[0], LADDER)
+
+        def severity(x: float) -> float:
+            value = hypothesis.values(joint, np.array([x]))[main]
+            return value - neutral if np.isfinite(neutral) else 1.0 / value
+
+        wanted = size * severity(float(claim.own[0]))
+        apart = [abs(severity(float(x)) - wanted) for x in ladder]
+        return ladder[[int(np.argmin(apart))]]
+
+    def _outcome(self, claim: Claim) -> Weighed:
+        """How well the robot of a claim meets the logs; each is simulated once."""
+        name = (claim.hypothesis.cause, claim.hypothesis.variant)
+        key = (*name, claim.place(), tuple(claim.own), claim.body)
+        if key not in self.outcomes:
+            self.outcomes[key] = self._simulated(claim)
+        return self.outcomes[key]
+
+    def _simulated(self, claim: Claim) -> Weighed:
+        """How well the robot with the cause, or with commands lost, meets the logs."""
+        if claim.lost:
+            runs = [self._received(claim.lost, k) for k in range(len(self.case.runs))]
+            return claims.replayed(self.scene, self.scene.world, runs)
+        where = extend.places(self, claim)
+        values = extend.world_values(self, claim)
+        row = (claim.hypothesis.cause, where, values)
+        world = causes.extended(self.scene.world, [row])
+        return claims.replayed(self.scene, world, self.case.runs)
+
+    def _received(self, lost: dict[int, list[np.ndarray]], number: int) -> JointRun:
+        """A run with the commands that came through."""
+        command = self.case.runs[number].command.copy()
+        for joint, masks in lost.items():
+            command[:, joint] = held(command[:, joint], masks[number])
+        return self.case.runs[number]._replace(command=command)
+
+    def confirmed(self, claim: Claim) -> bool:
+        """All claims were."""
+        return True
+
+    def visibility(self, claim: Claim) -> float:
+        """RMS change over the scatter from tolerances; the largest channel's."""
+        if claim.stance is not None:
+            return claim.stance.visibility
+        return claims.visibility(self.scene, self._outcome(claim))
+
+    def tolerates(self, index: int) -> bool:
+        """Whether the whole robot within its tolerances may move a joint like that."""
+        return bool(self.scene.known.level[index] < LOUD)
+
+    def accept(self, claim: Claim) -> None:
+        """Take a claim for known, and weigh the loads of the robot that it makes."""
+        self.scene = self.scene._replace(known=self._outcome(claim))
+        if claim.stance is None:
+            super().accept(claim)
+            return
+        self.accepted.append(claim)
+        row = (claim.hypothesis.cause, [claim.stance.where], claim.stance.values)
+        model = fields_applied(causes.extended(self.scene.world, [row]))
+        tree = Tree(model, model.actuator_trnid[:, 0])
+        base = self.standing._replace(tree=tree)
+        self.case = along(dataclasses.replace(self.case, base=base), [], [])
+        self.joints = list(self.case.joints)
+        self.known = mapped(self._again, range(len(self.joints)))
+
+
+def _claim(found: FloorClaim) -> Claim:
+    """A claim about the floor as one among those about joints."""
+    stance = Stance(found.where, found.values, found.low, found.high, found.visibility)
+    hypothesis = Hypothesis(
+        found.cause, "", put=_unchanged, starts=(), steps=(), low=(), high=(),
+        values=lambda joint, x: found.values,
+    )  # fmt: skip
+    return Claim(hypothesis, np.zeros(0), (), {}, found.gain, stance=stance)
+
+
+def _worst_first(claim: Claim) -> float:
+    return claim.gain
+
+
+def _unchanged(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
+    """Joints stay as they are."""
