@@ -23,6 +23,7 @@ from gatjax.diagnosis.hypotheses import numbers
 from gatjax.diagnosis.joint import STEP, Joint
 from gatjax.robot.model import joint_names
 
+PULL = 10.0  # 1/s
 THREADS = os.cpu_count() or 1
 
 
@@ -84,6 +85,7 @@ class Case:
     motions: list[motions.Motion]
     loads: list[weights.Loads]
     healthy: list[Fit]
+    pulled: frozenset[int] = frozenset()  # joints drawn to their measured motion
 
     @property
     def tree(self) -> weights.Tree:
@@ -192,7 +194,22 @@ def along(case: Case, known: list[Joint], fits: list[Fit]) -> Case:
     moved, loads = case.base.weigh(known, fits)
     names = joint_names(case.model)
     ready = joints.build(case.model, case.tree, names, case.runs, moved, loads)
-    return dataclasses.replace(case, joints=ready, motions=moved, loads=loads)
+    new = dataclasses.replace(case, joints=ready, motions=moved, loads=loads)
+    return pulled(new, case.pulled)
+
+
+def pulled(case: Case, chosen: Iterable[int]) -> Case:
+    """The same case with some of its joints drawn to their measured motion.
+
+    Where stick and slip decide when a joint moves, two runs part for good after a small
+    difference, and no law looks right.
+    """
+    drawn = case.pulled | set(chosen)
+    ready = [
+        joint._replace(nominal=joint.nominal | {"pull": PULL * (joint.index in drawn)})
+        for joint in case.joints
+    ]
+    return dataclasses.replace(case, joints=ready, pulled=drawn)
 
 
 def _resimulated(

@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from gatjax.diagnosis import case as cases
 from gatjax.diagnosis import drops, search
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.bank import CAUSES, OTHERS
@@ -28,6 +29,7 @@ from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined, pinned
 from gatjax.diagnosis.joint import Joint
 
 NOISY = 1.7  # times the noise that the best cause leaves: commands may be lost
+ASTRAY = 3.5  # times the noise that the best explanation leaves: look again
 DECODED = 1.8  # times the noise at most, that decoded losses leave
 MOST = 4  # shared causes that are looked into
 BODIES = 2  # bodies that are looked into closely
@@ -148,11 +150,26 @@ class Judge:
             return fit
 
         self.found |= dict(zip(missing, mapped(one, missing), strict=True))
+        self._pull([k for k in missing if self._misses(k)])
         found = self._single()
         if len(self.joints) > 1:
             found += self._shared(found) + self._bodies(found)
         found += self._lost()
         return sorted(found, key=lambda claim: -claim.gain)
+
+    def _misses(self, index: int) -> bool:
+        """Whether even the best explanation of a joint goes astray."""
+        best = min(fit.rms() for fit in [self.known[index], *self.found[index]])
+        astray = best > ASTRAY * self.joints[index].noise
+        return astray and index not in self.case.pulled
+
+    def _pull(self, joints: list[int]) -> None:
+        """Look at joints again, drawn to their measured motion."""
+        self.case = cases.pulled(self.case, joints)
+        self.joints = self._altered(self.case)
+        for index, fit in zip(joints, mapped(self._again, joints), strict=True):
+            self.known[index] = fit
+        self.found |= dict(zip(joints, mapped(self.explained, joints), strict=True))
 
     def explained(self, index: int) -> list[Fit]:
         """Fits of the causes that explain a joint best, beside what is known."""

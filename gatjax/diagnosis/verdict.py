@@ -147,7 +147,7 @@ def adequate(judge: Judge, case: Case, index: int) -> bool:
     level = fit.rms() / joint.noise
     before = case.healthy[index].rms() / joint.noise
     known = any(index in claim.fits for claim in judge.accepted)
-    most = ROUGH if known else TOLERABLE
+    most = ROUGH if known and index not in judge.case.pulled else TOLERABLE
     enough = level < most or level**2 < REST * before**2
     return enough or judge.tolerates(index)
 
