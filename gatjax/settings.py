@@ -28,6 +28,8 @@ class LoopSettings:
     """Which random body (masses, joint offsets, sensor gains) the robot has."""
     methods: tuple[str, ...] = ("none", "envelope", "guided", "gat")
     """Groundings to compare, in this order: of none, envelope, guided, gat."""
+    explain: bool = False
+    """Diagnose the robot first, and compare GAT in the simulation extended by that."""
     iterations: int = 1
     """Grounding iterations: re-ground on the best walk found and search again."""
     robot_trajectories: int = 50

@@ -263,6 +263,7 @@ def _preset(arguments: list[str]) -> str:
 def _typed(arguments: list[str]) -> tuple[str, ...]:
     """Name the settings of a run that the command line gives, defaults left out."""
     flags = {word.partition("=")[0].replace("-", "_") for word in arguments}
+    flags |= {flag.replace("__no_", "__", 1) for flag in flags}
     names = [setting.name for setting in dataclasses.fields(LoopSettings)]
     names += [setting.name for setting in dataclasses.fields(SearchSettings)]
     return tuple(name for name in ("preset", *names) if f"__{name}" in flags)

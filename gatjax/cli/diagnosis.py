@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import sys
-import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,22 +17,11 @@ from gatjax.data import checks
 from gatjax.data.mapping import ColumnMap, read_map
 from gatjax.data.recording import Recording, check_recording, read_recording
 from gatjax.diagnosis.diagnose import diagnose
-from gatjax.loop.setting import Progress
+from gatjax.loop.staged import staged
 from gatjax.report.diagnosis import write_report
 from gatjax.robot import model as robot_model
 from gatjax.runs import write_json
 from gatjax.sim.limbs import floats
-
-ENGINE = {
-    "stand": ("simulate the standing robot", 0.0, 0.1),
-    "tolerances": ("fit tolerances", 0.1, 0.3),
-    "causes": ("weigh causes", 0.3, 0.6),
-    "floor": ("weigh causes of floor and feet", 0.6, 0.7),
-    "extend": ("extend the model", 0.7, 0.72),
-    "measure": ("measure on logs", 0.72, 1.0),
-}
-"""Stages of the engine: what to say, and where they lie in the whole."""
-HALF = 0.5  # of what is left of a stage, for one more round of it
 
 
 class Logs(NamedTuple):
@@ -96,13 +84,8 @@ def _checked(
                 f"{path}: metadata base is {stated}, but that of the model is {base}; "
                 f"give the model of the robot as it was logged"
             )
-        own = checks.findings(log, ranges, role)
-        refused = [each.text for each in own if each.level == "refuse"]
-        if refused:
-            more = f" (and {len(refused) - 1} more)" if len(refused) > 1 else ""
-            raise ValueError(f"{refused[0]}{more}")
+        found.append(checks.trusted(log, ranges, role))
         logs.append(log)
-        found.append(own)
     return logs, found
 
 
@@ -174,35 +157,3 @@ def said(found: dict[str, Any], out: Path, report: Path) -> list[str]:
         f"simulation {out / 'world.json'}: give it to any verb as --world",
         f"model      {out / 'extended.xml'}: what plain MJCF can say of it",
     ]
-
-
-def staged(progress: Progress) -> Callable[[str, float], None]:
-    """Turn the engine's stages into progress over one unit of work.
-
-    A stage whose share falls back has begun another round; nobody knows how many there
-    will be, so each takes half of what is left of the stage.
-
-    Args:
-        progress: over 1.0 units of work.
-
-    Returns:
-        The engine's `tell(stage, share)`; it may be called from several threads.
-    """
-    lock = threading.Lock()
-    state = {"stage": "", "share": 1.0, "begin": 0.0, "done": 0.0}
-
-    def tell(stage: str, share: float) -> None:
-        text, first, last = ENGINE.get(stage, (stage, state["done"], 1.0))
-        with lock:
-            fresh = stage != state["stage"]
-            if fresh or share < state["share"]:
-                state["begin"] = max(first, state["done"]) if fresh else state["done"]
-                state["stage"] = stage
-                progress.stage(text if fresh else f"{text}, once more")
-            state["share"] = share
-            reached = state["begin"] + HALF * share * (last - state["begin"])
-            if reached > state["done"]:
-                progress.work(reached - state["done"])
-                state["done"] = reached
-
-    return tell

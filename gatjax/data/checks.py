@@ -17,7 +17,7 @@ from gatjax.data.finding import Finding, Level, Ranges
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import to_arrays
 
-__all__ = ["Finding", "Role", "findings", "same_data", "summary"]
+__all__ = ["Finding", "Role", "findings", "same_data", "summary", "trusted"]
 
 Role: TypeAlias = Literal["fit", "held-out"]
 
@@ -65,6 +65,20 @@ def findings(recording: Recording, ranges: Ranges, role: Role) -> list[Finding]:
         *tracking.check_tracking(recording, runs, joints),
         *tracking.check_repeats(recording, runs, joints),
     ]
+
+
+def trusted(recording: Recording, ranges: Ranges, role: Role) -> list[Finding]:
+    """The findings of a recording that may be used.
+
+    Raises:
+        ValueError: one line with why it may not.
+    """
+    found = findings(recording, ranges, role)
+    refused = [each.text for each in found if each.level == "refuse"]
+    if refused:
+        more = f" (and {len(refused) - 1} more)" if len(refused) > 1 else ""
+        raise ValueError(f"{refused[0]}{more}")
+    return found
 
 
 def summary(

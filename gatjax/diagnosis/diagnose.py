@@ -51,7 +51,7 @@ def diagnose(
     """Show, name, extend and measure; write the folder.
 
     Args:
-        source: model file (MJCF).
+        source: model file (MJCF), or "nao".
         fit: recordings to explain.
         unfit: recordings that only measure the gain; may be empty.
         out: folder for diagnosis.json, signals.parquet, world.json, extended.xml.

@@ -14,6 +14,7 @@ from gatjax.diagnosis.hypotheses import COUNT, TOLERANCES, numbers
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.verdict import Verdict
 from gatjax.effects.catalogue import CATALOGUE
+from gatjax.robot import model as robot_model
 from gatjax.sim import world as worlds
 from gatjax.sim.world import World
 from gatjax.task import Task
@@ -161,7 +162,7 @@ def write_model(path: Path, world: World) -> list[str]:
         path: of the new MJCF file.
         world: with a model file as its source.
     """
-    spec = mujoco.MjSpec.from_file(str(world.source))
+    spec = mujoco.MjSpec.from_file(str(robot_model.model_file(world.source)))
     spec.compile()
     changed, model = worlds.fields_applied(world), world.model
     for k in range(model.nu):

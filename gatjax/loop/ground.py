@@ -13,11 +13,11 @@ from gatjax.data.recording import Recording
 from gatjax.data.trajectories import split_by_trajectory, to_arrays
 from gatjax.grounding import learn as grounders
 from gatjax.grounding import prediction
-from gatjax.loop.setting import Setting
+from gatjax.loop.setting import Entry, Setting
 from gatjax.records import Array
 from gatjax.robot.nao import WALKING_JOINTS
-from gatjax.sim.backend import pairs, prepare
-from gatjax.sim.world import World, write_world
+from gatjax.sim.backend import Backend, pairs, prepare
+from gatjax.sim.world import Values, World, write_world
 
 HELD_OUT = 0.2  # share of the robot's trajectories that only test predictions
 WINDOWS = 200  # pieces of 0.5 s that predictions are measured on
@@ -68,10 +68,15 @@ def stable(
 
     def falls(candidate: grounders.Grounding) -> int:
         values = grounders.grounded(world, candidate).values
-        result = pairs(backend.outcome, values, theta[None], keys)
-        return int(np.sum(np.isfinite(result.fell_at) | ~result.ok))
+        return count_falls(backend, values, theta, keys)
 
     return grounders.largest_stable_alpha(grounding, falls)
+
+
+def count_falls(backend: Backend, values: Values, theta: Array, keys: Array) -> int:
+    """How many walks with keys [N] end in a fall, or in numbers that are not finite."""
+    result = pairs(backend.outcome, values, theta[None], keys)
+    return int(np.sum(np.isfinite(result.fell_at) | ~result.ok))
 
 
 def write_grounded(
@@ -107,20 +112,20 @@ def predictions(
 
 def ground(
     setting: Setting,
-    method: str,
+    entry: Entry,
     iteration: int,
     theta: Array,
     logs: tuple[Recording, Recording],
 ) -> grounders.Grounding:
-    """Ground the simulator in the logs of robot and simulator; once."""
-    folder = setting.folder / "grounding" / f"{method}_{iteration}"
+    """Ground the entry's world in the logs of robot and simulator; once."""
+    folder = setting.folder / "grounding" / f"{entry.name}_{iteration}"
     if (folder / "grounder.json").exists():
         return grounders.read_grounding(folder)
-    setting.progress.stage(f"{method}: ground the simulator")
-    seed, world = setting.settings.seed, setting.world
-    grounding = learn_grounding(world, method, *logs, seed)
+    setting.progress.stage(f"{entry.name}: ground the simulator")
+    seed, world = setting.settings.seed, entry.world
+    grounding = learn_grounding(world, entry.grounder, *logs, seed)
     grounding = stable(world, grounding, theta, setting.key(2, iteration))
-    facts = {"method": method, "iteration": iteration}
+    facts = {"method": entry.name, "iteration": iteration}
     rows = [facts | row for row in predictions(world, grounding, logs[0], seed)]
     runs.add_rows(setting.folder / "prediction.csv", rows)
     folder.mkdir(parents=True, exist_ok=True)

@@ -18,10 +18,11 @@ from gatjax.sim.backend import BACKENDS, default_backend
 from gatjax.sim.world import World
 from gatjax.task import Task, task_at
 
-ROBOT_LOG, SIMULATOR_LOG, EVALUATION, CONFIRMATION = 1, 2, 3, 4
+ROBOT_LOG, SIMULATOR_LOG, EVALUATION, CONFIRMATION, EXPLANATION = 1, 2, 3, 4, 5
 """Purposes of walks: each draws from random streams of its own."""
 CONFIRMATIONS = 10  # walks on the robot that the winner of a method is judged by
 SIMULATOR_UNIT, ROBOT_UNIT = 1.0, 12.0  # relative cost of one run, for the time left
+DIAGNOSIS_UNIT = 3000.0  # of a diagnosis
 
 
 @runtime_checkable
@@ -66,6 +67,14 @@ class Setting(NamedTuple):
         return key
 
 
+class Entry(NamedTuple):
+    """One line of the comparison: what is learned, on top of which world."""
+
+    name: str
+    grounder: str  # a name of `gatjax.grounding.learn.METHODS`
+    world: World  # before grounding
+
+
 def seeds(purpose: int, seed: int, count: int) -> range:
     """Seeds of `count` walks; no two purposes and no two runs share one."""
     first = purpose * 10**9 + seed * 10**5
@@ -77,11 +86,12 @@ def total_work(settings: LoopSettings) -> float:
     one = settings.search
     searched = one.population * one.rollouts * one.generations
     evaluated = 2 * one.generations * settings.evaluations
-    methods, rounds = len(settings.methods), settings.iterations
+    methods, rounds = len(settings.methods) + settings.explain, settings.iterations
     collected = settings.robot_trajectories * (1 + (rounds - 1) * methods)
     judged = CONFIRMATIONS * (methods * rounds + 1)
     robot = collected + methods * rounds * evaluated + judged
-    return SIMULATOR_UNIT * methods * rounds * searched + ROBOT_UNIT * robot
+    explained = DIAGNOSIS_UNIT * settings.explain
+    return SIMULATOR_UNIT * methods * rounds * searched + ROBOT_UNIT * robot + explained
 
 
 def resolved(settings: LoopSettings) -> LoopSettings:

@@ -9,25 +9,15 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import numpy as np
-
 from gatjax import runs
-from gatjax.data.recording import Recording, read_recording, write_recording
-from gatjax.data.trajectories import to_recording
 from gatjax.grounding.learn import grounded
+from gatjax.loop.collect import collect
 from gatjax.loop.evaluate import confirm, evaluate, show, winner
+from gatjax.loop.explain import explained
 from gatjax.loop.ground import ground
 from gatjax.loop.optimise import Candidate, Job, optimise
 from gatjax.loop.robots import Simulator
-from gatjax.loop.setting import (
-    ROBOT_LOG,
-    ROBOT_UNIT,
-    SIMULATOR_LOG,
-    Progress,
-    Robot,
-    Setting,
-    seeds,
-)
+from gatjax.loop.setting import Entry, Progress, Robot, Setting
 from gatjax.records import Array
 from gatjax.settings import LoopSettings
 from gatjax.sim.world import nominal
@@ -50,13 +40,18 @@ def run(folder: Path, settings: LoopSettings, robot: Robot, progress: Progress) 
     runs.write_policy(folder / "policies", "theta0", THETA0, {"by": "hand"})
     confirm(setting, Candidate("theta0", 0, 0, "best", THETA0))
     show(setting, "theta0_robot", THETA0, f"theta0 on {robot.name}")
-    for method in settings.methods:
+    for entry in entries(setting):
         theta = THETA0
         for iteration in range(settings.iterations):
-            theta = improve(setting, method, iteration, theta)
-        show(
-            setting, f"{method}_best_robot", theta, f"best of {method} on {robot.name}"
-        )
+            theta = improve(setting, entry, iteration, theta)
+        label = f"best of {entry.name} on {robot.name}"
+        show(setting, f"{entry.name}_best_robot", theta, label)
+
+
+def entries(setting: Setting) -> list[Entry]:
+    """What is compared: the methods, and GAT on what a diagnosis leaves."""
+    found = [Entry(name, name, setting.world) for name in setting.settings.methods]
+    return found + (explained(setting) if setting.settings.explain else [])
 
 
 def name_robot(folder: Path, robot: Robot) -> None:
@@ -72,18 +67,20 @@ def name_robot(folder: Path, robot: Robot) -> None:
     runs.write_json(path, {"name": robot.name, **robot.constants()})
 
 
-def improve(setting: Setting, method: str, iteration: int, theta: Array) -> Array:
-    """One iteration of one method; return the best walk on the robot, or `theta`."""
-    owner = "" if iteration == 0 else f"_{method}"  # theta0 is everybody's
+def improve(setting: Setting, entry: Entry, iteration: int, theta: Array) -> Array:
+    """One iteration of one entry; return the best walk on the robot, or `theta`."""
+    plain = entry.world is setting.world
+    owner = "" if iteration == 0 else f"_{entry.name}"  # theta0 is everybody's
     robot_log = collect(setting, setting.robot, f"robot_{iteration}{owner}", theta)
-    simulator = Simulator(setting.world)
+    owner = owner if plain else f"_{entry.name}"  # an extended world walks for itself
+    simulator = Simulator(entry.world)
     simulator_log = collect(setting, simulator, f"simulator_{iteration}{owner}", theta)
-    grounding = ground(setting, method, iteration, theta, (robot_log, simulator_log))
+    grounding = ground(setting, entry, iteration, theta, (robot_log, simulator_log))
     job = Job(
         folder=setting.folder,
-        method=method,
+        method=entry.name,
         iteration=iteration,
-        world=grounded(setting.world, grounding),
+        world=grounded(entry.world, grounding),
         theta=theta,
         key=setting.key(3, iteration),
         check_key=setting.key(4, iteration),
@@ -95,25 +92,3 @@ def improve(setting: Setting, method: str, iteration: int, theta: Array) -> Arra
         return theta
     confirm(setting, found)
     return found.policy
-
-
-def collect(setting: Setting, robot: Robot, name: str, theta: Array) -> Recording:
-    """Record walks with one policy, once.
-
-    Robot and simulator draw from seeds of their own: they share no random numbers.
-    """
-    path = setting.folder / "recordings" / f"{name}.parquet"
-    settings = setting.settings
-    real = robot is setting.robot
-    count = settings.robot_trajectories if real else settings.simulator_trajectories
-    if not path.exists():
-        setting.progress.stage(f"collect {count} runs of {robot.name}")
-        purpose = ROBOT_LOG if real else SIMULATOR_LOG
-        drawn = seeds(purpose, settings.seed, count)
-        trajectory, _ = robot.walk(np.tile(theta, (count, 1)), drawn, setting.task)
-        rate = 1.0 / setting.task.control_period
-        notes = {"policy": name, "seed": settings.seed}
-        write_recording(path, to_recording(trajectory, robot.name, rate, notes))
-        if real:
-            setting.progress.work(ROBOT_UNIT * count)
-    return read_recording(path)

@@ -21,6 +21,11 @@ class Slots(NamedTuple):
     force: slice
 
 
+def model_file(path: str | Path) -> Path:
+    """Return the MJCF file that a path means; `nao` is the one that ships."""
+    return MODEL_FILE if str(path) == "nao" else Path(path)
+
+
 def load(path: str | Path = "nao", timestep: float | None = None) -> mujoco.MjModel:
     """Load a MuJoCo model; `nao` is the one that ships with gatjax.
 
@@ -28,7 +33,7 @@ def load(path: str | Path = "nao", timestep: float | None = None) -> mujoco.MjMo
         path: MJCF file, or "nao".
         timestep: physics step in s, if it shall differ from the file's.
     """
-    file = MODEL_FILE if str(path) == "nao" else Path(path)
+    file = model_file(path)
     if not file.is_file():
         raise FileNotFoundError(f"model file {file} does not exist; give an MJCF file")
     try:

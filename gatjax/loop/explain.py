@@ -1,0 +1,133 @@
+"""The explaining stage: what the simulator lacks by a diagnosis of the robot's logs."""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+
+from gatjax.data import checks
+from gatjax.data.recording import Recording
+from gatjax.data.trajectories import split_by_trajectory
+from gatjax.diagnosis.diagnose import diagnose
+from gatjax.loop.collect import collect, collect_motion
+from gatjax.loop.ground import HELD_OUT, STABILITY_ROLLOUTS, count_falls
+from gatjax.loop.play import Player
+from gatjax.loop.setting import DIAGNOSIS_UNIT, Entry, Progress, Setting
+from gatjax.loop.staged import staged
+from gatjax.records import JOINTS
+from gatjax.robot.nao import LIMITS
+from gatjax.runs import write_json, write_whole
+from gatjax.sim.backend import prepare
+from gatjax.sim.world import World, add_cause, read_world, write_world
+from gatjax.walk.parameters import THETA0
+
+EXPLAINED = "explained"
+SKIPPED = "diagnosis/skipped.txt"
+FIT, HELD = ("rich", "steps_small"), ("multisine",)  # motions of the menu
+SECONDS = 14.0  # of each of them
+FIT_WALKS, HELD_WALKS = 4, 2  # of a robot that plays no motions
+
+
+def explained(setting: Setting) -> list[Entry]:
+    """Return GAT on the extended simulation; nothing where there is no such thing.
+
+    The diagnosis and its world are made once. Whatever stands against them is told in
+    one line and kept in diagnosis/skipped.txt, and the run goes on without.
+    """
+    file, skipped = (setting.folder / name for name in ("extended.json", SKIPPED))
+    if not file.exists() and not skipped.exists():
+        try:
+            diagnosed(setting)
+            write_world(file, extended(setting), {"verb": "run"}, None)
+        except ValueError as error:
+            reason = " ".join(str(error).split())
+            setting.progress.stage(f"no GAT after diagnosis: {reason}")
+            skipped.parent.mkdir(exist_ok=True)
+            write_whole({skipped: f"{reason}\n".encode()})
+    setting.progress.work(DIAGNOSIS_UNIT)
+    if skipped.exists():
+        return []
+    return [Entry(EXPLAINED, "gat", read_world(file, setting.task)[0])]
+
+
+def diagnosed(setting: Setting) -> None:
+    """Diagnose the robot into the run folder, once.
+
+    Raises:
+        ValueError: one line: its logs cannot carry a diagnosis.
+    """
+    folder = setting.folder / "diagnosis"
+    if (folder / "diagnosis.json").exists():
+        return
+    fit, held = logs(setting)
+    ranges = {
+        joint: (float(low), float(high))
+        for joint, (low, high) in zip(JOINTS, LIMITS, strict=True)
+    }
+    found = [checks.trusted(log, ranges, "fit") for log in fit]
+    found += [checks.trusted(log, ranges, "held-out") for log in held]
+    stage = setting.progress.stage
+    tell = staged(
+        Progress(lambda text: stage(f"diagnosis: {text}"), lambda share: None)
+    )
+    text = diagnose("nao", fit, held, folder, setting.settings.seed, tell)
+    rows = checks.summary(list(zip([*fit, *held], found, strict=True)))
+    write_json(folder / "diagnosis.json", text | {"data_checks": rows})
+
+
+def logs(setting: Setting) -> tuple[list[Recording], list[Recording]]:
+    """Recordings to explain, and others to measure the gain on.
+
+    A robot that plays motions stands and plays some. Of any other one, walks with
+    theta0 have to do; none that later tests the prediction is fitted.
+    """
+    robot = setting.robot
+    if isinstance(robot, Player):
+        fit, held = (
+            [collect_motion(setting, robot, name, SECONDS) for name in names]
+            for names in (FIT, HELD)
+        )
+        return fit, held
+    walks = collect(setting, robot, "robot_0", THETA0)
+    seen, unseen = split_by_trajectory(
+        walks.trajectory, HELD_OUT, setting.settings.seed
+    )
+    return [_only(walks, seen[:FIT_WALKS])], [_only(walks, unseen[:HELD_WALKS])]
+
+
+def extended(setting: Setting) -> World:
+    """Return the nominal simulator with what the diagnosis found.
+
+    It keeps the nominal physics step, so that a search in it takes as long as any and
+    that what is compared differs by the causes alone.
+
+    Raises:
+        ValueError: nothing was found, or theta0 falls with it.
+    """
+    found, _ = read_world(setting.folder / "diagnosis" / "world.json", setting.task)
+    if not found.causes:
+        raise ValueError(
+            "the diagnosis changes nothing: GAT after it would be GAT alone"
+        )
+    world = setting.world
+    for row in found.causes:
+        role = row.get("role", "cause")
+        world = add_cause(world, row["cause"], row["where"], row["values"], role)
+    keys = jax.random.split(setting.key(2, 0), STABILITY_ROLLOUTS)
+    falls = count_falls(prepare(world, "native"), world.values, THETA0, keys)
+    if falls:
+        raise ValueError(
+            f"theta0 falls in {falls} of {STABILITY_ROLLOUTS} walks in the simulation "
+            f"that the diagnosis extended"
+        )
+    return world
+
+
+def _only(recording: Recording, ids: np.ndarray) -> Recording:
+    """Some trajectories of a recording."""
+    kept = np.isin(recording.trajectory, ids)
+    return recording._replace(
+        time=recording.time[kept],
+        trajectory=recording.trajectory[kept],
+        columns={name: values[kept] for name, values in recording.columns.items()},
+    )
