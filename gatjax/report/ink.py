@@ -28,9 +28,10 @@ STAND_INS = {
     "#01020a": "--gat",
     "#01020b": "--other",
     "#01020c": "--theta0",
+    "#01020d": "--explained",
 }
 COLOURS = {variable[2:]: stand_in for stand_in, variable in STAND_INS.items()}
-MARKERS = {"none": "o", "envelope": "^", "guided": "D", "gat": "s"}
+MARKERS = {"none": "o", "envelope": "^", "guided": "D", "gat": "s", "explained": "P"}
 STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "gatjax",

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from gatjax.report import facts, pictures, sections
+from gatjax.report import explained, facts, pictures, sections
+from gatjax.report.diagnosis import write_report
+from gatjax.report.document import document
 from gatjax.report.read import Run, read_run
 from gatjax.report.tables import Summary, summarise
 from gatjax.report.verdict import Verdict, judge
@@ -12,8 +14,6 @@ from gatjax.report.walks import Walk, choose, read_walk, read_walks
 from gatjax.report.wording import escape
 from gatjax.runs import write_whole
 
-HERE = Path(__file__).parent
-SCRIPTS = ("rays.js", "viewer.js")
 BADGES = {
     "better": "grounding beat no grounding in this run",
     "safer": "grounding fell less, not faster, in this run",
@@ -25,7 +25,7 @@ BADGES = {
 
 
 def build_report(folder: Path) -> Path:
-    """Write report.html into a run folder and return its path.
+    """Write report.html into a run folder, and into its diagnosis; return its path.
 
     Whatever the run has not written yet is named on the page and left out. The file is
     replaced in one step, so an older report survives a full disk.
@@ -43,6 +43,8 @@ def build_report(folder: Path) -> Path:
     walks = read_walks(folder, run.problems)
     winner = summary.ranked[0].name if summary.ranked else None
     page = render(run, summary, judge(summary), choose(walks, winner))
+    if run.diagnosis:
+        write_report(folder / "diagnosis")
     path = folder / "report.html"
     write_whole({path: page.encode("utf-8")})
     return path
@@ -60,6 +62,7 @@ def render(run: Run, summary: Summary, verdict: Verdict, walks: list[Walk]) -> s
             pictures.robot_pictures(summary),
             pictures.cost_pictures(run, summary),
             pictures.prediction_pictures(run),
+            explained.explained_section(run, summary),
             facts.parameter_table(run, summary),
             facts.run_facts(run),
             "<footer>Written by gatjax from the files of the run folder.</footer>",
@@ -73,19 +76,6 @@ def build_walk_page(walk: Path, out: Path) -> None:
     shown = read_walk(walk)
     page = document(shown.label, sections.animation([shown]))
     write_whole({Path(out): page.encode("utf-8")})
-
-
-def document(title: str, body: str) -> str:
-    """Wrap a body into a page that carries its own styles and scripts."""
-    style = (HERE / "style.css").read_text(encoding="utf-8")
-    scripts = [(HERE / name).read_text(encoding="utf-8") for name in SCRIPTS]
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>gatjax: {escape(title)}</title>"
-        f"<style>\n{style}</style></head>\n<body><main>{body}</main>\n"
-        f"<script>\n{''.join(scripts)}</script></body></html>\n"
-    )
 
 
 def head(run: Run, summary: Summary, verdict: Verdict, robot: str) -> str:

@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, get_type_hints
 
 THETA0 = "theta0"
+DIAGNOSIS = Path("diagnosis", "diagnosis.json")  # only in a run with --explain
+SKIPPED = Path("diagnosis", "skipped.txt")
 CHOSEN = "chosen"  # candidate of the walks that confirm a winner on fresh seeds
 
 Row = TypeVar("Row", bound=tuple)
@@ -79,6 +81,8 @@ class Run(NamedTuple):
     rollouts: list[Rollout]
     policies: dict[str, dict[str, Value]]  # file stem -> parameter name -> value
     problems: list[str]
+    diagnosis: dict[str, Any]  # diagnosis/diagnosis.json of a run with --explain
+    skipped: str  # why there is no GAT after diagnosis; empty where there is
 
 
 def read_run(folder: Path) -> Run:
@@ -97,6 +101,7 @@ def read_run(folder: Path) -> Run:
         )
     problems: list[str] = []
     rollouts = read_table(folder / "evaluations.csv", Rollout, problems)
+    diagnosis = folder / DIAGNOSIS
     kept = [row for row in rollouts if math.isfinite(row.velocity_m_s)]
     if len(kept) < len(rollouts):
         lost = len(rollouts) - len(kept)
@@ -113,6 +118,8 @@ def read_run(folder: Path) -> Run:
         rollouts=kept,
         policies=read_policies(folder / "policies", problems),
         problems=problems,
+        diagnosis=read_json(diagnosis, problems) if diagnosis.is_file() else {},
+        skipped=read_text(folder / SKIPPED),
     )
 
 
@@ -130,6 +137,11 @@ def read_json(path: Path, problems: list[str]) -> dict[str, Any]:
         problems.append(f"{path.name} holds no json object")
         return {}
     return content
+
+
+def read_text(path: Path) -> str:
+    """Read a line of text; an empty one without the file."""
+    return path.read_text(encoding="utf-8").strip() if path.is_file() else ""
 
 
 def read_table(path: Path, record: type[Row], problems: list[str]) -> list[Row]:

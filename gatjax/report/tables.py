@@ -21,6 +21,7 @@ LABELS = {
     "envelope": "noise envelope",
     "guided": "guided",
     "gat": "GAT",
+    "explained": "GAT after diagnosis",
     THETA0: "theta0",
 }
 UNGROUNDED = "none"

@@ -137,8 +137,8 @@ def grounding_clause(summary: Summary) -> tuple[Kind, str]:
         return _only_grounded_stands(pair, lead)
     if ungrounded.stands:
         return "not better", (
-            f"{name} did not beat no grounding, which stood: {_failure(grounded)}, and "
-            f"it {fall_words}"
+            f"{name} did not beat no grounding, which stood: "
+            f"{failure_words(grounded)}, and it {fall_words}"
         )
     if falls > 0:
         return "safer", f"{name} did not prevent falls but {fall_words}"
@@ -162,7 +162,7 @@ def compare_falls(grounded: Method, ungrounded: Method) -> tuple[int, str]:
     return 0, f"{words}, too few to tell apart"
 
 
-def _failure(method: Method) -> str:
+def failure_words(method: Method) -> str:
     """Why a method does not stand."""
     best = method.best
     if best is None:
@@ -176,7 +176,7 @@ def _slower_than_theta0(method: Method) -> bool:
 
 def _only_grounded_stands(pair: Pair, lead: Interval | None) -> tuple[Kind, str]:
     """No grounding fell; that is a win only with fewer falls and no loss of speed."""
-    failure = _failure(pair.ungrounded)
+    failure = failure_words(pair.ungrounded)
     if pair.falls <= 0 or _slower_than_theta0(pair.grounded):
         slow = _slower_than_theta0(pair.grounded)
         also = ", and its best walk is slower than theta0" if slow else ""

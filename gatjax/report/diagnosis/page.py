@@ -6,7 +6,7 @@ from pathlib import Path
 
 from gatjax.report.diagnosis import evidence, gain, joints, tables
 from gatjax.report.diagnosis.read import Diagnosis, read_diagnosis
-from gatjax.report.page import document
+from gatjax.report.document import document
 from gatjax.report.wording import escape
 from gatjax.runs import write_whole
 
