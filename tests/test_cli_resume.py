@@ -139,6 +139,7 @@ def test_run_without_resume_is_refused(started, tmp_path, capsys):
         (["--generations=99"], "generations = 6, now it is 99"),
         (["--robot_trajectories", "9"], "robot_trajectories = 30, now it is 9"),
         (["--methods", "gat"], "started with methods"),
+        (["--explain"], "explain = False, now it is True"),
         (["--preset", "paper"], "now it is"),
     ],
 )
@@ -152,6 +153,23 @@ def test_flags_that_a_resumed_run_does_not_have_are_refused(
 def test_flags_that_a_resumed_run_has_already_are_fine(started, tmp_path):
     given = ["run", "--resume", "--out", str(tmp_path), "--seed", "7"]
     assert resumed(parse([*given, "--population", "40"]))[0] == started[1]
+
+
+def test_no_explain_is_a_setting_too(tmp_path, capsys):
+    settings = dataclasses.replace(loop.resolved(DEMO), explain=True)
+    runs.open_run(tmp_path, settings)
+    given = ["run", "--resume", "--out", str(tmp_path)]
+    assert resumed(parse(given))[1].explain
+    line = refused(capsys, [*given, "--no-explain"])
+    assert "explain = True, now it is False" in line
+
+
+def test_a_run_from_before_explain_goes_on(started, tmp_path):
+    file = started[1] / "config.json"
+    config = json.loads(file.read_text())
+    del config["explain"]
+    file.write_text(json.dumps(config))
+    assert not resumed(parse(["run", "--resume", "--out", str(tmp_path)]))[1].explain
 
 
 def test_a_folder_with_another_config_is_no_run(found, capsys):

@@ -97,10 +97,11 @@ def transfer(summary: Summary) -> str:
         open_one = one if other.confirmed else other
         return f"{asked}: the walk of {open_one.label} was not confirmed."
     change = faster(one.best, other.best)
-    faster_now, slower_now = change.low > 0.0, change.high < 0.0
-    if (faster_now and falls >= 0) or (falls > 0 and not slower_now):
+    signs = ((change.low > 0.0) - (change.high < 0.0), falls)
+    stood = one.stands - other.stands  # of few walks: it can only object
+    if max(signs) > 0 and min(*signs, stood) >= 0:
         opening = "The walk transfers better than with GAT alone"
-    elif (slower_now and falls <= 0) or (falls < 0 and not faster_now):
+    elif min(signs) < 0 and max(*signs, stood) <= 0:
         opening = "The walk transfers worse than with GAT alone"
     else:
         opening = asked

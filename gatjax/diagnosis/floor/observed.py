@@ -91,8 +91,9 @@ def observe(standing: Standing) -> Observed:
     first = standing.ensembles[0].rows[0]
     known = simulated(standing.model, first, standing.runs[0].time[:2] * 0.0)
     shared = [
-        name for name in known if all(name in logged for logged in standing.channels)
-    ]
+        name for name in known
+        if all(name in logged and np.ptp(logged[name]) for logged in standing.channels)
+    ]  # fmt: skip
     names = (*joints, *shared)
     measured, noises = [], []
     for run, logged in zip(standing.runs, standing.channels, strict=True):
@@ -109,7 +110,7 @@ def observe(standing: Standing) -> Observed:
         parts.append(seen[1:] - seen[0])
     drawn = np.concatenate(parts)
     scatter = np.moveaxis(drawn, 0, -1) / np.sqrt(len(drawn))
-    reading = np.mean(noises, 0)
+    reading = _heard(np.mean(noises, 0), len(joints))
     missed = _missed(drawn, reading)
     own = _own(standing, names)
     parts = [scatter, _biases(names, scatter.shape[1]), _turning(standing, names), own]
@@ -117,6 +118,17 @@ def observe(standing: Standing) -> Observed:
     squares = np.swapaxes(whole, 1, 2) @ whole
     noise = np.sqrt(reading + missed)
     return Observed(names, np.concatenate(measured, -1), whole, squares, noise)
+
+
+def _heard(reading: np.ndarray, joints: int) -> np.ndarray:
+    """Mean squares [C] of noise, where the first are those of joints.
+
+    A joint that never moved by a step of its encoder shows none; it has that of the
+    quietest joint that did.
+    """
+    own = reading[:joints]
+    floor = own[own > 0.0].min(initial=own.max())
+    return np.concatenate([np.maximum(own, floor), reading[joints:]])
 
 
 def _biases(names: tuple[str, ...], bins: int) -> np.ndarray:

@@ -1,0 +1,202 @@
+"""A run with --explain: diagnosed once, one more method, and never stopped by it."""
+
+import dataclasses
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from gatjax import loop, runs
+from gatjax.loop import explain
+from gatjax.loop.setting import Setting
+from gatjax.settings import LoopSettings, SearchSettings
+from gatjax.sim.world import add_cause, nominal, read_world, write_world
+from gatjax.task import Task
+
+DELAY = 0.03  # s, what the robot has and the simulator lacks
+SETTINGS = LoopSettings(
+    methods=("none",),
+    explain=True,
+    robot_trajectories=5,
+    simulator_trajectories=4,
+    evaluations=1,
+    search=SearchSettings(population=4, rollouts=1, generations=1),
+    backend="native",
+)
+QUIET = loop.Progress(stage=lambda text: None, work=lambda units: None)
+
+
+class Late(loop.Simulator):
+    """A robot that answers late; it walks, and plays motions."""
+
+    name = "late"
+
+    def __init__(self):
+        super().__init__(add_cause(nominal(Task()), "command_delay", ["all"], DELAY))
+
+
+class Walker:
+    """The same robot, which can only walk."""
+
+    name = "late"
+
+    def __init__(self, robot):
+        self.constants, self.walk = robot.constants, robot.walk
+
+
+class Diagnosis:
+    """A diagnosis that says what it was told to, and keeps what it was given."""
+
+    def __init__(self, **causes):
+        self.causes, self.given = causes, []
+
+    def __call__(self, source, fit, unfit, out, seed, tell):
+        self.given.append((source, fit, unfit))
+        tell("causes", 0.5)
+        out.mkdir()
+        world = nominal(Task(), source, 0.0005)
+        for name, value in self.causes.items():
+            world = add_cause(world, name, ["all"], value)
+        write_world(out / "world.json", world, {}, None)
+        text = {"verdict": "named", "sentence": "The commands come late."}
+        runs.write_json(out / "diagnosis.json", text)
+        return text
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return Late()
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory, robot):
+    """A finished run, and the diagnosis that it asked."""
+    folder = runs.open_run(tmp_path_factory.mktemp("runs"), SETTINGS).path
+    found = Diagnosis(command_delay=DELAY)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(explain, "diagnose", found)
+        loop.run(folder, SETTINGS, robot, QUIET)
+    return folder, found
+
+
+def setting_of(folder, robot, tell=None):
+    progress = loop.Progress(tell, QUIET.work) if tell else QUIET
+    return Setting(folder, SETTINGS, Task(), nominal(Task()), robot, progress)
+
+
+def opened(root, monkeypatch, diagnosis):
+    monkeypatch.setattr(explain, "diagnose", diagnosis)
+    return runs.open_run(root, SETTINGS).path
+
+
+def test_the_robot_stands_and_plays_for_its_diagnosis(run):
+    folder, found = run
+    ((source, fit, held),) = found.given
+    assert source == "nao"
+    motions = [[log.metadata["motion"] for log in logs] for logs in (fit, held)]
+    assert motions == [["rich", "steps_small"], ["multisine"]]
+    assert all(log.metadata["base"] == "floating" for log in (*fit, *held))
+    assert len({log.metadata["seed"] for log in (*fit, *held)}) == 3
+    kept = {path.name for path in folder.glob("recordings/explain_*")}
+    assert kept == {f"explain_{name}.parquet" for each in motions for name in each}
+    assert "data_checks" in json.loads(
+        (folder / "diagnosis/diagnosis.json").read_text()
+    )
+
+
+def test_what_is_found_is_added_to_the_nominal_simulator(run):
+    folder, _ = run
+    world, grounding = read_world(folder / "extended.json")
+    assert grounding is None and world.source == "nao"
+    assert [row["cause"] for row in world.causes] == ["command_delay"]
+    assert world.model.opt.timestep == nominal(Task()).model.opt.timestep
+
+
+def test_gat_after_diagnosis_is_one_more_method(run):
+    folder, _ = run
+    searched = {row["method"] for row in runs.read_table(folder / "metrics.csv")}
+    assert searched == {"theta0", "none", "explained"}
+    learned = json.loads((folder / "grounding/explained_0/grounder.json").read_text())
+    assert learned["method"] == "gat"
+    grounded, _ = read_world(folder / "grounding" / "explained_0")
+    assert [row["cause"] for row in grounded.causes] == ["command_delay"]
+    assert (folder / "recordings/simulator_0_explained.parquet").is_file()
+    assert not (folder / "recordings/robot_0_explained.parquet").exists()
+    assert (folder / "walks/explained_best_robot.npz").is_file()
+
+
+def test_the_true_cause_explains_most_of_the_error(run):
+    rows = runs.read_table(run[0] / "prediction.csv")
+    before = {
+        method: np.mean([r["before_rad"] for r in rows if r["method"] == method])
+        for method in ("none", "explained")
+    }
+    assert before["explained"] < 0.3 * before["none"]
+
+
+def test_a_run_that_is_done_is_not_diagnosed_again(run, robot, tmp_path, monkeypatch):
+    shutil.copytree(run[0], tmp_path / "run")
+    again = Diagnosis()
+    monkeypatch.setattr(explain, "diagnose", again)
+    loop.run(tmp_path / "run", SETTINGS, robot, QUIET)
+    assert not again.given
+
+
+def test_a_diagnosis_that_was_done_serves_the_run_that_goes_on(
+    run, robot, tmp_path, monkeypatch
+):
+    shutil.copytree(run[0], tmp_path / "run")
+    (tmp_path / "run" / "extended.json").unlink()
+    again = Diagnosis()
+    monkeypatch.setattr(explain, "diagnose", again)
+    (entry,) = explain.explained(setting_of(tmp_path / "run", robot))
+    assert not again.given
+    assert [row["cause"] for row in entry.world.causes] == ["command_delay"]
+
+
+def refuses(*_):
+    raise ValueError("the robot falls\nin every log")
+
+
+@pytest.mark.parametrize(
+    ("diagnosis", "reason"),
+    [
+        (refuses, "the robot falls in every log"),
+        (Diagnosis(), "the diagnosis changes nothing"),
+        (Diagnosis(torque_limit=0.3), "theta0 falls in 20 of 20 walks"),
+    ],
+)
+def test_what_stands_against_a_diagnosis_is_told_and_kept(
+    diagnosis, reason, run, robot, tmp_path, monkeypatch
+):
+    folder, told = opened(tmp_path, monkeypatch, diagnosis), []
+    shutil.copytree(run[0] / "recordings", folder / "recordings", dirs_exist_ok=True)
+    setting = setting_of(folder, robot, told.append)
+    assert explain.explained(setting) == []
+    assert told[-1].startswith(f"no GAT after diagnosis: {reason}")
+    assert (folder / "diagnosis/skipped.txt").read_text().startswith(reason)
+    assert not (folder / "extended.json").exists()
+    told.clear()
+    assert explain.explained(setting) == [] and not told
+
+
+def test_a_robot_without_motions_is_diagnosed_by_its_walks(
+    run, robot, tmp_path, monkeypatch
+):
+    found = Diagnosis(command_delay=DELAY)
+    folder = opened(tmp_path, monkeypatch, found)
+    walks = "recordings/robot_0.parquet"
+    shutil.copy(run[0] / walks, folder / walks)
+    assert len(explain.explained(setting_of(folder, Walker(robot)))) == 1
+    (_, (fit,), (held,)) = found.given[0]
+    ids = [set(np.unique(log.trajectory)) for log in (fit, held)]
+    assert [len(each) for each in ids] == [4, 1]
+    assert not ids[0] & ids[1]
+    assert len(fit.columns["position.LKneePitch"]) == len(fit.time)
+
+
+def test_one_more_method_is_more_work():
+    plain = dataclasses.replace(SETTINGS, explain=False)
+    two = dataclasses.replace(plain, methods=("none", "gat"))
+    assert loop.total_work(SETTINGS) > loop.total_work(two) > loop.total_work(plain)
