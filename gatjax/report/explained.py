@@ -126,7 +126,7 @@ def _rms(values: Iterable[float]) -> float:
 
 def _table(lines: list[Chain]) -> str:
     """Errors and shares, a row a horizon."""
-    names = ["nominal", "extended", label_of(ALONE), label_of(AFTER)]
+    names = ["nominal", "extended", f"{label_of(ALONE)} alone", label_of(AFTER)]
     heads = [*names, "explained", "learned"]
     cells = "".join(f"<th class=n>{escape(head)}</th>" for head in heads)
     rows = ""
