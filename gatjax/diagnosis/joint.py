@@ -12,6 +12,7 @@ from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import laws, plant
 from gatjax.diagnosis import loads as weights
 from gatjax.diagnosis import motion as motions
+from gatjax.diagnosis.tolerances import USUAL, Tolerances
 
 STEP = 1e-3  # s, of the single-joint simulation
 CHUNKS = (32, 128, 256)  # simulations that run together: one compilation each
@@ -34,6 +35,7 @@ class Joint(NamedTuple):
     measured: np.ndarray  # [R, N] rad
     valid: np.ndarray  # [R, N]
     noise: float  # rad, standard deviation of a reading
+    allowed: Tolerances = USUAL
 
     def residual(self, drives: list[dict[str, float]], geared: bool) -> np.ndarray:
         """Measured minus simulated at all valid rows [n, S], rad."""
@@ -132,6 +134,7 @@ def build(
     runs: list[JointRun],
     moved: list[motions.Motion],
     loads: list[weights.Loads],
+    allowed: Tolerances = USUAL,
 ) -> list[Joint]:
     """Put the joints of a model on the simulations' grid, runs padded to one length."""
     time = motions.grid_time(runs, STEP)
@@ -185,7 +188,9 @@ def build(
         )  # fmt: skip
         seen = np.stack([_padded(run.angle[:, index], rows) for run in runs])
         level = float(noise[index])
-        joints.append(Joint(name, index, drive, grid, lead, at, seen, valid, level))
+        joints.append(
+            Joint(name, index, drive, grid, lead, at, seen, valid, level, allowed)
+        )
     return joints
 
 
