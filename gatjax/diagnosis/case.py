@@ -146,7 +146,7 @@ class Case:
             series = jnp.asarray(np.stack(columns, 1), jnp.float32)
             parts.append(terms.at[..., first:last].set(series))
         changed = grid._replace(rest_terms=parts[0], inertia_terms=parts[1])
-        return self.joints[joint]._replace(grid=changed)
+        return self.joints[joint]._replace(grid=changed, link=self.joints[other].link)
 
 
 def prepare(

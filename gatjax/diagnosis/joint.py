@@ -23,6 +23,13 @@ GRAVITY = ("gravity_x", "gravity_y", "gravity_z")  # in `nominal`, m/s^2
 GIVE = 3e-4  # rad, that dry friction yields before it slips
 
 
+class Link(NamedTuple):
+    """The body that a joint moves, or another one that it carries."""
+
+    mass: float  # kg
+    centre: np.ndarray  # [3] m, of mass, in the body's frame
+
+
 class Joint(NamedTuple):
     """One joint over R runs of at most N rows; `grid` lies on the device."""
 
@@ -36,6 +43,7 @@ class Joint(NamedTuple):
     valid: np.ndarray  # [R, N]
     noise: float  # rad, standard deviation of a reading
     allowed: Tolerances = USUAL
+    link: Link = Link(1.0, np.zeros(3))
 
     def residual(self, drives: list[dict[str, float]], geared: bool) -> np.ndarray:
         """Measured minus simulated at all valid rows [n, S], rad."""
@@ -188,8 +196,10 @@ def build(
         )  # fmt: skip
         seen = np.stack([_padded(run.angle[:, index], rows) for run in runs])
         level = float(noise[index])
+        body = tree.body[index]
+        link = Link(float(model.body_mass[body]), model.body_ipos[body].copy())
         joints.append(
-            Joint(name, index, drive, grid, lead, at, seen, valid, level, allowed)
+            Joint(name, index, drive, grid, lead, at, seen, valid, level, allowed, link)
         )
     return joints
 
