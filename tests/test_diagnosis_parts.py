@@ -101,3 +101,13 @@ def test_joints_agree_on_a_value_by_their_information():
     assert shared_value(fits, 1)[0] == pytest.approx(1.25, rel=1e-3)
     alone, both = uncertainty(fits[:1], 1), uncertainty(fits, 1)
     assert both[0, 0] == pytest.approx(alone[0, 0] * 300.0 / 400.0)
+
+
+def test_losses_that_change_nothing_do_not_count():
+    rng = np.random.default_rng(0)
+    command = np.sin(np.arange(2000) * 0.05)
+    lost = rng.uniform(size=2000) < 0.3
+    lost[np.abs(np.gradient(command)) < 0.03] = False  # not to be seen
+    found = drops.statistics([lost], [command])
+    assert found["probability"] == pytest.approx(0.3, abs=0.04)
+    assert found["burst"] == pytest.approx(1.0 / 0.7, abs=0.15)

@@ -143,3 +143,19 @@ def test_friction_of_one_direction_acts_in_that_direction_only():
     fast = np.abs(speed) > 0.5 * np.abs(speed).max()
     assert np.mean(error[fast & (speed > 0)]) < -0.01
     assert abs(np.mean(error[fast & (speed < 0)])) < 0.005
+
+
+def test_friction_behind_the_gear_lets_the_motor_wind_it_up():
+    nudge = joint(lambda t: 0.01 if t >= 0.1 else 0.0)
+    gear = {"stiffness": NOMINAL["kp"], "sensed": 1.0, "friction": 0.4}
+    stuck = seen(nudge, geared=True, link_share=0.0, **gear)
+    wound = seen(nudge, geared=True, link_share=1.0, **gear)
+    assert stuck[-1] == pytest.approx(0.0, abs=3e-4)
+    assert wound[-1] == pytest.approx(0.005, abs=3e-4)  # two equal springs
+
+
+def test_a_pulled_joint_follows_what_was_measured():
+    one = joint(step_up, rest=1.0)
+    astray, drawn = seen(one), seen(one, pull=200.0)
+    assert abs(astray[-1]) > 0.2
+    assert np.abs(drawn).max() < 0.1 * np.abs(astray).max()

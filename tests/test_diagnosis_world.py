@@ -23,6 +23,7 @@ from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.extend import world_values
 from gatjax.diagnosis.hypotheses import COUNT, tolerated
 from gatjax.diagnosis.judge import Judge
+from gatjax.diagnosis.tolerances import USUAL
 from gatjax.effects.catalogue import CATALOGUE
 from gatjax.robot.model import joint_names
 from gatjax.sim.replay import replay_many
@@ -82,7 +83,7 @@ def judged(world, angle):
     fine = motion.grid_time([run], joint.STEP)[:: motion.FINE]
     moved = [motion.smoothed(run, run.angle, fine)]
     draw = np.random.default_rng(0)
-    others = [loads.perturbed(world.model, draw) for _ in range(loads.TERMS)]
+    others = [loads.perturbed(world.model, USUAL, draw) for _ in range(loads.TERMS)]
     weighed = [loads.weigh(tree, moved[0], others)]
     base = Held(tree, [run], others)
     names = joint_names(world.model)

@@ -6,7 +6,8 @@ import nbclient
 import pytest
 from nbclient.exceptions import CellExecutionError
 
-TOUR = pathlib.Path(__file__).parents[1] / "notebooks" / "tour.py"
+NOTEBOOKS = pathlib.Path(__file__).parents[1] / "notebooks"
+TOUR, DIAGNOSIS = NOTEBOOKS / "tour.py", NOTEBOOKS / "diagnosis.py"
 
 
 def executed(notebook, folder):
@@ -42,6 +43,16 @@ def test_tour_runs_where_there_is_no_run(folder):
     assert re.search(r"theta0 in the simulator: \d\d\.\d cm/s, 0 of 20 fell", text)
     assert re.search(r"error after 0.5 s, all joints: -\d+ %", text)
     assert "com_offset" in text and "gat_0_1_mean" in text
+
+
+def test_diagnosis_names_what_was_hidden(folder):
+    notebook = executed(jupytext.read(DIAGNOSIS), folder)
+    text = printed(notebook)
+    cells = [cell for cell in notebook.cells for _ in cell.get("outputs", [])]
+    assert len(cells) >= 8
+    assert "named - The simulation lacks backlash" in text
+    assert "backlash ['servo']" in text.splitlines()[-1]
+    assert (folder / "found" / "report.html").is_file()
 
 
 def test_a_failing_cell_fails(folder):

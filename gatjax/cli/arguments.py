@@ -102,6 +102,8 @@ class Diagnose:
     """Folder to write; a diagnosis in it is replaced."""
     map: Path | None = None
     """YAML map of the logs' column names, units and signs."""
+    tolerances: Path | None = None
+    """JSON of how far the model's numbers may be off, where that is not as usual."""
     seed: int = 0
 
 

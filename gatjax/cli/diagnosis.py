@@ -17,6 +17,7 @@ from gatjax.data import checks
 from gatjax.data.mapping import ColumnMap, read_map
 from gatjax.data.recording import Recording, check_recording, read_recording
 from gatjax.diagnosis.diagnose import diagnose
+from gatjax.diagnosis.tolerances import USUAL, read_tolerances
 from gatjax.loop.staged import staged
 from gatjax.report.diagnosis import write_report
 from gatjax.robot import model as robot_model
@@ -132,13 +133,15 @@ def _check_model(model: mujoco.MjModel, path: Path) -> None:
 
 def explain(verb: Diagnose, logs: Logs) -> None:
     """Diagnose, write the folder and say what was found."""
+    own = verb.tolerances
+    allowed = USUAL if own is None else read_tolerances(own)
     for row in logs.checks:
         if row["level"] == "warning":
             print(f"warning: {row['text']}", file=sys.stderr)
     with shown(1.0) as progress:
         tell = staged(progress)
         found = diagnose(
-            str(verb.model), logs.fit, logs.held, verb.out, verb.seed, tell
+            str(verb.model), logs.fit, logs.held, verb.out, verb.seed, tell, allowed
         )
     found = found | {"data_checks": logs.checks}
     write_json(verb.out / "diagnosis.json", found)

@@ -145,6 +145,35 @@ def _vector(
     )  # fmt: skip
 
 
+def _payload() -> Hypothesis:
+    """A point mass beside the link's centre of mass: loads by first moments.
+
+    Its own moment of inertia about that centre is left out.
+    """
+
+    def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
+        mass, weight = float(np.exp(x[0])), max(joint.link.mass, 1e-3)
+        shift = mass * x[1:] / weight
+        drive[f"term{TERMS}"] = mass
+        drive.update({f"term{TERMS + 1 + k}": float(s) for k, s in enumerate(shift)})
+
+    def values(joint: Joint, x: np.ndarray) -> Numbers:
+        place = dict(zip("xyz", map(float, joint.link.centre + x[1:]), strict=True))
+        return {"mass": float(np.exp(x[0]))} | place
+
+    starts = tuple(
+        (float(np.log(mass)), *row)
+        for mass in (0.1, 0.4, 1.5)
+        for size in (ARM, -ARM)
+        for row in np.eye(3) * size
+    )
+    return Hypothesis(
+        "payload", "beside it", put, starts, (0.03, 0.004, 0.004, 0.004),
+        (np.log(0.01), -0.3, -0.3, -0.3), (np.log(10.0), 0.3, 0.3, 0.3), values,
+        prior=(0.0, *((1.0 / ARM) ** 2,) * 3),
+    )  # fmt: skip
+
+
 def _tilt() -> Hypothesis:
     """A mounting turned by roll and pitch: loads are linear in the gravity vector."""
     first = TERMS + len(BODY_TERMS)
@@ -194,6 +223,7 @@ def _thermal() -> Hypothesis:
     )  # fmt: skip
 
 
+ARM = 0.08  # m, how far from the centre of mass a payload is expected
 _SPEEDS = (0.5, 0.8, 1.2, 1.8, 2.7, 4.0, 6.0, 9.0)  # rad/s
 
 
@@ -305,7 +335,8 @@ CAUSES: tuple[Hypothesis, ...] = (
     _signed("encoder_scale", "", "scale", "scale", 0.08, 0.4, neutral=1.0),
     _positive(
         "payload", "mass", f"term{TERMS}", 0.01, 10.0, (0.05, 0.2, 0.6, 1.5, 4.0)
-    ),
+    )._replace(variant="at the centre of mass"),
+    _payload(),
     _vector("com_shift", TERMS + 1, ("x", "y", "z"), "distance", 0.02, 0.17),
     _positive(
         "armature", "inertia", "armature", 0.1, 40.0, (0.5, 1.5, 5.0), _armature, True

@@ -21,6 +21,7 @@ from gatjax.diagnosis import search
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import numbers
 from gatjax.diagnosis.joint import STEP, Joint
+from gatjax.diagnosis.tolerances import USUAL, Tolerances
 from gatjax.robot.model import joint_names
 
 PULL = 10.0  # 1/s
@@ -34,6 +35,11 @@ class Base(Protocol):
     @property
     def tree(self) -> weights.Tree:
         """Its model and joints."""
+        ...
+
+    @property
+    def allowed(self) -> Tolerances:
+        """How far its nominal numbers may be off."""
         ...
 
     @property
@@ -54,6 +60,7 @@ class Held(NamedTuple):
     tree: weights.Tree
     runs: list[JointRun]
     others: list[mujoco.MjModel]  # drawn from the tolerances of bodies and mounting
+    allowed: Tolerances = USUAL
     follows: bool = True
 
     def weigh(
@@ -68,11 +75,15 @@ class Held(NamedTuple):
         return moved, [weights.weigh(self.tree, each, self.others) for each in moved]
 
 
-def held(model: mujoco.MjModel, runs: list[JointRun], seed: int) -> Held:
+def held(
+    model: mujoco.MjModel, runs: list[JointRun], seed: int,
+    allowed: Tolerances = USUAL,
+) -> Held:  # fmt: skip
     """A robot with position servos on hinge or slide joints, its base fixed."""
     draw = np.random.default_rng(seed)
-    others = [weights.perturbed(model, draw) for _ in range(weights.DRAWS)]
-    return Held(weights.Tree(model, model.actuator_trnid[:, 0]), runs, others)
+    others = [weights.perturbed(model, allowed, draw) for _ in range(weights.DRAWS)]
+    tree = weights.Tree(model, model.actuator_trnid[:, 0])
+    return Held(tree, runs, others, allowed)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -135,7 +146,7 @@ class Case:
             series = jnp.asarray(np.stack(columns, 1), jnp.float32)
             parts.append(terms.at[..., first:last].set(series))
         changed = grid._replace(rest_terms=parts[0], inertia_terms=parts[1])
-        return self.joints[joint]._replace(grid=changed)
+        return self.joints[joint]._replace(grid=changed, link=self.joints[other].link)
 
 
 def prepare(
@@ -150,7 +161,9 @@ def prepare(
     """
     moved, loads = base.weigh([], [])
     names = joint_names(base.tree.model)
-    ready = joints.build(base.tree.model, base.tree, names, runs, moved, loads)
+    ready = joints.build(
+        base.tree.model, base.tree, names, runs, moved, loads, base.allowed
+    )
     case = Case(
         base=base, runs=runs, joints=ready, motions=moved, loads=loads,
         healthy=_healthy(ready, tell),
@@ -193,7 +206,9 @@ def along(case: Case, known: list[Joint], fits: list[Fit]) -> Case:
     """
     moved, loads = case.base.weigh(known, fits)
     names = joint_names(case.model)
-    ready = joints.build(case.model, case.tree, names, case.runs, moved, loads)
+    ready = joints.build(
+        case.model, case.tree, names, case.runs, moved, loads, case.base.allowed
+    )
     new = dataclasses.replace(case, joints=ready, motions=moved, loads=loads)
     return pulled(new, case.pulled)
 

@@ -19,6 +19,7 @@ from gatjax.diagnosis.floor import channels, standing
 from gatjax.diagnosis.floor.judge import StandingJudge
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.measure import Errors
+from gatjax.diagnosis.tolerances import USUAL, Tolerances
 from gatjax.diagnosis.verdict import Verdict, decide
 from gatjax.grounding.network import Network
 from gatjax.robot import model as robot_model
@@ -46,7 +47,7 @@ def control_period(runs: list[JointRun]) -> float:
 
 def diagnose(
     source: str, fit: list[Recording], unfit: list[Recording], out: Path, seed: int,
-    tell: Tell,
+    tell: Tell, allowed: Tolerances = USUAL,
 ) -> dict[str, Any]:  # fmt: skip
     """Show, name, extend and measure; write the folder.
 
@@ -57,6 +58,7 @@ def diagnose(
         out: folder for diagnosis.json, signals.parquet, world.json, extended.xml.
         seed: of everything that is drawn.
         tell: is called with a stage and the share of it that is done.
+        allowed: how far the numbers of the model may be off.
 
     Returns:
         What diagnosis.json says.
@@ -68,11 +70,11 @@ def diagnose(
     period = control_period(logs)
     if floats(model):
         felt = [run for recording in fit for run in channels.cut(recording)]
-        base = standing.prepare(model, logs, felt, period, tell, seed)
+        base = standing.prepare(model, logs, felt, period, tell, seed, allowed)
         logs = base.runs
         judge = StandingJudge(prepare(base, logs, tell), base, tell)
     else:
-        judge = Judge(prepare(held(model, logs, seed), logs, tell), tell)
+        judge = Judge(prepare(held(model, logs, seed, allowed), logs, tell), tell)
     verdict = decide(judge)
     case = verdict.judge.case
     tell("extend", 0.0)

@@ -8,6 +8,7 @@ the price of naming it (minimum description length, Rissanen 1978).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -23,6 +24,7 @@ from gatjax.diagnosis.motion import cells
 MEMORY = 0.35  # s that the answer to one tick lasts
 BURSTS = (1, 2, 3, 5, 8, 12)  # ticks that are tried together
 ODDS = 4.5  # nats that naming one lost tick costs
+TOLD = 0.75  # quantile of the changes of a command beyond which a loss is seen
 ROUNDS = 4  # of decoding and fitting
 SWEEPS = 4
 
@@ -35,11 +37,26 @@ class Losses(NamedTuple):
     fit: Fit
     price: float  # nats of naming the lost ticks
 
-    def probability(self, commands: list[np.ndarray]) -> float:
-        """Share of lost targets, among those that could be seen to be lost."""
-        lost = sum(int(mask.sum()) for mask in self.lost)
-        seen = sum(int(np.sum(np.abs(np.diff(c)) > 1e-6)) for c in commands)
-        return lost / max(seen, 1)
+
+def statistics(
+    lost: Sequence[np.ndarray], commands: Sequence[np.ndarray]
+) -> dict[str, float]:
+    """Probability of a loss, and mean burst, of decoded masks [N] and commands [N].
+
+    The share of losses is that among the changes that show best, the largest quarter: a
+    loss that changes nothing is not decoded.
+    """
+    changes = [np.abs(np.diff(command)) for command in commands]
+    moving = np.concatenate([change[change > 1e-6] for change in changes])
+    least = np.quantile(moving, TOLD) if len(moving) else np.inf
+    told = [change > least for change in changes]
+    hit = sum(int(mask[1:][t].sum()) for mask, t in zip(lost, told, strict=True))
+    count = sum(int(mask.sum()) for mask in lost)
+    bursts = sum(int(np.sum(np.diff(mask.astype(int)) > 0)) for mask in lost)
+    return {
+        "probability": hit / max(sum(int(t.sum()) for t in told), 1),
+        "burst": max(count / max(bursts, 1), 1.0),
+    }
 
 
 def held(command: np.ndarray, lost: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from gatjax.diagnosis import plant
+from gatjax.diagnosis import drops, plant
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.hypotheses import COUNT, TOLERANCES, numbers
 from gatjax.diagnosis.judge import Judge
@@ -30,21 +30,12 @@ def parameters(judge: Judge, claim: Claim) -> dict[str, float]:
         return claim.stance.values
     case, index = judge.case, claim.where[0]
     if claim.lost:
-        commands = {k: case.commands(k) for k in claim.lost}
-        lost = sum(int(m.sum()) for masks in claim.lost.values() for m in masks)
-        told = sum(
-            int(np.sum(np.abs(np.diff(c)) > 1e-6))
-            for cs in commands.values()
-            for c in cs
-        )
-        bursts = sum(
-            int(np.sum(np.diff(m.astype(int)) > 0))
-            for masks in claim.lost.values() for m in masks
-        )  # fmt: skip
-        return {
-            "probability": lost / max(told, 1),
-            "burst": max(lost / max(bursts, 1), 1.0),
-        }
+        pairs = [
+            (mask, command)
+            for k, masks in claim.lost.items()
+            for mask, command in zip(masks, case.commands(k), strict=True)
+        ]
+        return drops.statistics(*zip(*pairs, strict=True))
     joint = judge.joints[index]
     values = claim.hypothesis.values(joint, claim.own)
     return {name: float(value) for name, value in values.items()}

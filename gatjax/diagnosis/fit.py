@@ -154,7 +154,8 @@ def _moved(fit: Fit, x: np.ndarray, residual: np.ndarray) -> np.ndarray:
     """Slopes after a step that agree with what it changed (Broyden 1965, eq. 4.5)."""
     step = x - fit.x
     missed = residual - fit.residual - fit.slopes @ step
-    return fit.slopes + np.outer(missed, step / (step @ step))
+    length = float(step @ step)
+    return fit.slopes + np.outer(missed, step / length) if length else fit.slopes
 
 
 def _step(joint: Joint, fit: Fit, damping: float) -> np.ndarray:

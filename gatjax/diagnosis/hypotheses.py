@@ -13,20 +13,13 @@ import numpy as np
 
 from gatjax.diagnosis.joint import TRANSPORT, Joint
 from gatjax.diagnosis.loads import TERMS
+from gatjax.diagnosis.tolerances import SHARES
 
 Numbers = dict[str, float]
 Put = Callable[[Numbers, Joint, np.ndarray], None]
 
-RELATIVE = {
-    "kp": 0.05, "kv": 0.1, "damping": 0.1, "armature": 0.1, "limit": 0.06,
-    "friction": 0.3, "give": 1.0,
-}  # fmt: skip
-"""Tolerances of the nominal model as shares; see docs/diagnosis.md."""
-ZERO = np.deg2rad(0.1)  # rad, tolerance of the encoder's zero
-LATE = 0.0007  # s, tolerance of the transport time
-STRIBECK = 0.15  # of the dry friction: excess at standstill that every gear has
 TOLERANCES = (
-    *RELATIVE, "zero_in", "zero_out", "delay", "stiction",
+    *SHARES, "zero_in", "zero_out", "delay", "stiction",
     *(f"term{k}" for k in range(TERMS)),
 )  # fmt: skip
 COUNT = len(TOLERANCES)
@@ -102,15 +95,18 @@ def information(hypothesis: Hypothesis | None) -> np.ndarray:
 def tolerated(joint: Joint, x: np.ndarray) -> Numbers:
     """Numbers of a joint whose tolerances are used up by x [COUNT] deviations."""
     drive: Numbers = {}
+    allowed = joint.allowed
     for name, value in zip(TOLERANCES, x, strict=True):
-        if name in RELATIVE:
-            drive[name] = joint.nominal[name] * float(np.exp(RELATIVE[name] * value))
+        if name in SHARES:
+            share = getattr(allowed, name)
+            drive[name] = joint.nominal[name] * float(np.exp(share * value))
         elif name in ("zero_in", "zero_out"):
-            drive[name] = ZERO * value
+            drive[name] = allowed.zero * value
         elif name == "delay":
-            drive[name] = max(0.0, TRANSPORT + LATE * value)
+            drive[name] = max(0.0, TRANSPORT + allowed.late * value)
         elif name == "stiction":
-            drive[name] = joint.nominal["friction"] * STRIBECK * max(0.0, 1.0 + value)
+            excess = allowed.stribeck * max(0.0, 1.0 + value)
+            drive[name] = joint.nominal["friction"] * excess
         else:
             drive[name] = value
     return drive

@@ -12,6 +12,7 @@ from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import laws, plant
 from gatjax.diagnosis import loads as weights
 from gatjax.diagnosis import motion as motions
+from gatjax.diagnosis.tolerances import USUAL, Tolerances
 
 STEP = 1e-3  # s, of the single-joint simulation
 CHUNKS = (32, 128, 256)  # simulations that run together: one compilation each
@@ -20,6 +21,13 @@ TRANSPORT = 0.0012  # s, nominal way of a command to the servo
 CREEP = 0.06  # rad/s, speed at which stiction has faded
 GRAVITY = ("gravity_x", "gravity_y", "gravity_z")  # in `nominal`, m/s^2
 GIVE = 3e-4  # rad, that dry friction yields before it slips
+
+
+class Link(NamedTuple):
+    """The body that a joint moves, or another one that it carries."""
+
+    mass: float  # kg
+    centre: np.ndarray  # [3] m, of mass, in the body's frame
 
 
 class Joint(NamedTuple):
@@ -34,6 +42,8 @@ class Joint(NamedTuple):
     measured: np.ndarray  # [R, N] rad
     valid: np.ndarray  # [R, N]
     noise: float  # rad, standard deviation of a reading
+    allowed: Tolerances = USUAL
+    link: Link = Link(1.0, np.zeros(3))
 
     def residual(self, drives: list[dict[str, float]], geared: bool) -> np.ndarray:
         """Measured minus simulated at all valid rows [n, S], rad."""
@@ -132,6 +142,7 @@ def build(
     runs: list[JointRun],
     moved: list[motions.Motion],
     loads: list[weights.Loads],
+    allowed: Tolerances = USUAL,
 ) -> list[Joint]:
     """Put the joints of a model on the simulations' grid, runs padded to one length."""
     time = motions.grid_time(runs, STEP)
@@ -185,7 +196,11 @@ def build(
         )  # fmt: skip
         seen = np.stack([_padded(run.angle[:, index], rows) for run in runs])
         level = float(noise[index])
-        joints.append(Joint(name, index, drive, grid, lead, at, seen, valid, level))
+        body = tree.body[index]
+        link = Link(float(model.body_mass[body]), model.body_ipos[body].copy())
+        joints.append(
+            Joint(name, index, drive, grid, lead, at, seen, valid, level, allowed, link)
+        )
     return joints
 
 

@@ -17,9 +17,8 @@ import mujoco
 import numpy as np
 
 from gatjax.diagnosis.motion import Motion
+from gatjax.diagnosis.tolerances import Tolerances
 
-MASS, COM, INERTIA = 0.025, 0.002, 0.05  # tolerances of bodies: share, m, share
-TILT = np.deg2rad(0.2)  # tolerance of the mounting
 DRAWS = 40  # perturbed bodies
 TERMS = 4  # load shapes that body tolerances may add
 COARSE = 8  # points of a motion between two at which changed bodies are weighed
@@ -100,14 +99,17 @@ class Tree:
         return slope
 
 
-def perturbed(model: mujoco.MjModel, draw: np.random.Generator) -> mujoco.MjModel:
+def perturbed(
+    model: mujoco.MjModel, allowed: Tolerances, draw: np.random.Generator
+) -> mujoco.MjModel:
     """A model with bodies and mounting drawn from their tolerances."""
     other = mujoco.MjModel.__copy__(model)
     bodies = (model.nbody, 3)
-    other.body_mass *= 1.0 + MASS * draw.normal(size=model.nbody)
-    other.body_inertia *= 1.0 + INERTIA * draw.normal(size=bodies)
-    other.body_ipos += COM * draw.normal(size=bodies) * (model.body_mass > 0)[:, None]
-    other.opt.gravity[:] = tilted(model.opt.gravity, TILT * draw.normal(size=2))
+    other.body_mass *= 1.0 + allowed.mass * draw.normal(size=model.nbody)
+    other.body_inertia *= 1.0 + allowed.inertia * draw.normal(size=bodies)
+    moved = allowed.com * draw.normal(size=bodies)
+    other.body_ipos += moved * (model.body_mass > 0)[:, None]
+    other.opt.gravity[:] = tilted(model.opt.gravity, allowed.tilt * draw.normal(size=2))
     return other
 
 

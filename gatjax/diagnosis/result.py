@@ -9,7 +9,7 @@ import numpy as np
 from gatjax.diagnosis import extend
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.fit import spread
-from gatjax.diagnosis.hypotheses import COUNT, RELATIVE, ZERO, numbers
+from gatjax.diagnosis.hypotheses import COUNT, numbers
 from gatjax.diagnosis.unexplained import explore
 from gatjax.diagnosis.verdict import Cause, Verdict
 from gatjax.effects.catalogue import CATALOGUE
@@ -142,17 +142,17 @@ def calibration_rows(verdict: Verdict) -> list[dict[str, Any]]:
              "armature": "kg*m^2", "limit": "N*m", "friction": "N*m"}  # fmt: skip
     for joint, fit in zip(verdict.judge.joints, verdict.judge.known, strict=True):
         drive = numbers(joint, None, fit.x[:COUNT])
-        for name, share in RELATIVE.items():
-            if name not in units:
-                continue
+        for name, unit in units.items():
+            share = getattr(joint.allowed, name)
             rows.append(
-                {"parameter": name, "where": joint.name, "unit": units[name],
+                {"parameter": name, "where": joint.name, "unit": unit,
                  "nominal": joint.nominal[name], "fitted": drive[name],
                  "tolerance": share * joint.nominal[name]}
             )  # fmt: skip
         rows.append(
             {"parameter": "encoder zero", "where": joint.name, "unit": "rad",
-             "nominal": 0.0, "fitted": drive["zero_out"], "tolerance": ZERO}
+             "nominal": 0.0, "fitted": drive["zero_out"],
+             "tolerance": joint.allowed.zero}
         )  # fmt: skip
     return rows
 

@@ -22,7 +22,6 @@ from gatjax.diagnosis.floor.observed import (
 )
 from gatjax.diagnosis.floor.played import Rows
 from gatjax.diagnosis.floor.standing import Standing
-from gatjax.diagnosis.loads import TILT
 from gatjax.effects.sensor import turned
 from gatjax.sim.world import World
 
@@ -103,7 +102,7 @@ def _tolerances(
             node, share = TOLERATED[suspect.cause]
             columns.append(share * (channels[node] - nominal))
         if suspect.cause == "gravity_tilt":
-            columns += list(TILT * _slopes(suspect, channels))
+            columns += list(scene.standing.allowed.tilt * _slopes(suspect, channels))
     return np.stack(columns, -1)
 
 

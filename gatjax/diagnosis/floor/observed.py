@@ -16,7 +16,6 @@ from gatjax.diagnosis.fit import CORRELATED, FLOOR
 from gatjax.diagnosis.floor.channels import Channels, simulated
 from gatjax.diagnosis.floor.played import Rows
 from gatjax.diagnosis.floor.standing import Standing
-from gatjax.diagnosis.hypotheses import RELATIVE, ZERO
 from gatjax.robot.model import joint_names
 
 BIASES = {"gyro": 0.005, "accelerometer": 0.05, "orientation": 0.0017, "force": 0.6}
@@ -165,13 +164,13 @@ def _own(standing: Standing, names: tuple[str, ...]) -> np.ndarray:
     """
     joints = joint_names(standing.model)
     chosen = [joints.index(name) for name in names if name in joints]
-    parts = []
+    parts, allowed = [], standing.allowed
     for run, row in zip(standing.runs, standing.ensembles[0].rows, strict=True):
         stamps, first = run.time - run.time[0], row.angle[:1]
         rows = np.concatenate([first, row.command[None] - first, row.velocity[:1]])
         seen = row.at(stamps, rows)[..., chosen]
         series = np.stack(
-            [ZERO + 0.0 * seen[0], RELATIVE["kp"] * seen[1], TIME * seen[2]], -1
+            [allowed.zero + 0.0 * seen[0], allowed.kp * seen[1], TIME * seen[2]], -1
         )
         parts.append(binned(run, np.moveaxis(series, 0, -1)))
     whole = np.concatenate(parts, -1)  # [K, 3, B]

@@ -20,6 +20,7 @@ from gatjax.diagnosis.joint import STEP, Joint, noise_of
 from gatjax.diagnosis.loads import COARSE, Loads, Tree
 from gatjax.diagnosis.measure import fallen
 from gatjax.diagnosis.motion import FINE, Motion, grid_time, smoothed
+from gatjax.diagnosis.tolerances import USUAL, Tolerances
 from gatjax.sim.world import World
 
 LEAST = 2.0  # s: a shorter run is left out
@@ -45,6 +46,7 @@ class Standing(NamedTuple):
     runs: list[JointRun]
     channels: list[Channels]  # of each run
     ensembles: list[Ensemble]
+    allowed: Tolerances
     follows: bool = False  # the motion is simulated: tolerances do not change it
 
     def weigh(
@@ -86,6 +88,7 @@ def prepare(
     period: float,
     tell: Callable[[str, float], None],
     seed: int = 0,
+    allowed: Tolerances = USUAL,
 ) -> Standing:
     """Simulate robots within their tolerances along the commands of the runs.
 
@@ -96,6 +99,7 @@ def prepare(
         period: control period of the logs, s.
         tell: is called with a stage and the share of it that is done.
         seed: of the draws.
+        allowed: how far the numbers of the model may be off.
     """
     runs, channels = upright(model, runs, channels, period)
     found = []
@@ -103,14 +107,14 @@ def prepare(
         tell("stand", number / len(tolerances.STEPS))
         world = tolerances.timed(world_of(model, period, step))
         count = tolerances.DRAWS // len(tolerances.STEPS)
-        robots = tolerances.draws(model, count, seed + number)
+        robots = tolerances.draws(model, allowed, count, seed + number)
         values = [tolerances.values_of(world, robot) for robot in robots]
         zero = np.stack([robot.zero for robot in robots])
         found.append(
             _stood(Ensemble(world, robots, replayed(world, runs, values, -zero)))
         )
     tree = Tree(model, model.actuator_trnid[:, 0])
-    return Standing(model, tree, runs, channels, found)
+    return Standing(model, tree, runs, channels, found, allowed)
 
 
 def upright(

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from gatjax.diagnosis.hypotheses import LATE, RELATIVE, ZERO
 from gatjax.diagnosis.joint import TRANSPORT
 from gatjax.diagnosis.loads import perturbed
+from gatjax.diagnosis.tolerances import SHARES, Tolerances
 from gatjax.sim.world import Values, World, add_cause
 
 DRAWS = 40
@@ -30,7 +30,9 @@ class Draw(NamedTuple):
     delay: float  # s, of the commands
 
 
-def draws(model: mujoco.MjModel, count: int, seed: int) -> list[Draw]:
+def draws(
+    model: mujoco.MjModel, allowed: Tolerances, count: int, seed: int
+) -> list[Draw]:
     """Draw robots; sizes are those of the single-joint engine (docs/diagnosis.md).
 
     Returns:
@@ -38,14 +40,14 @@ def draws(model: mujoco.MjModel, count: int, seed: int) -> list[Draw]:
     """
     rng = np.random.default_rng(seed)
     nominal = Draw(model, np.zeros(model.nu), TRANSPORT)
-    return [nominal, *(_draw(model, rng) for _ in range(count))]
+    return [nominal, *(_draw(model, allowed, rng) for _ in range(count))]
 
 
-def _draw(model: mujoco.MjModel, rng: np.random.Generator) -> Draw:
-    other, joints = perturbed(model, rng), model.nu
+def _draw(model: mujoco.MjModel, allowed: Tolerances, rng: np.random.Generator) -> Draw:
+    other, joints = perturbed(model, allowed, rng), model.nu
     factor = {
-        name: np.exp(share * rng.normal(size=joints))
-        for name, share in RELATIVE.items()
+        name: np.exp(getattr(allowed, name) * rng.normal(size=joints))
+        for name in SHARES
     }
     dofs = model.jnt_dofadr[model.actuator_trnid[:, 0]]
     for name, field in (
@@ -57,8 +59,8 @@ def _draw(model: mujoco.MjModel, rng: np.random.Generator) -> Draw:
     other.actuator_biasprm[:, 1] *= factor["kp"]
     other.actuator_biasprm[:, 2] *= factor["kv"]
     other.actuator_forcerange[:] *= factor["limit"][:, None]
-    delay = max(0.0, TRANSPORT + LATE * rng.normal())
-    return Draw(other, ZERO * rng.normal(size=joints), delay)
+    delay = max(0.0, TRANSPORT + allowed.late * rng.normal())
+    return Draw(other, allowed.zero * rng.normal(size=joints), delay)
 
 
 def timed(world: World) -> World:
