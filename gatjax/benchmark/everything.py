@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gatjax.benchmark.squares import Solved, solved
-from gatjax.diagnosis.hypotheses import LATE, RELATIVE, ZERO, Hypothesis, Numbers
+from gatjax.diagnosis.hypotheses import Hypothesis, Numbers
 from gatjax.diagnosis.joint import TRANSPORT, Joint
+from gatjax.diagnosis.tolerances import SHARES, USUAL
 from gatjax.effects.catalogue import CATALOGUE
 
 ROUNDS = 12
@@ -34,17 +35,17 @@ class Number(NamedTuple):
 
 NUMBERS = (
     *(
-        Number(field, cause, RELATIVE[field], 0.02, -FACTOR, FACTOR)
+        Number(field, cause, getattr(USUAL, field), 0.02, -FACTOR, FACTOR)
         for field, cause in (
             ("kp", "gain_error"), ("kv", "damping_error"),
             ("damping", "viscous_friction"), ("friction", "coulomb_friction"),
             ("armature", "armature"), ("limit", "torque_limit"),
         )
     ),
-    Number("delay", "command_delay", LATE, 3e-4, -TRANSPORT, 0.2),
+    Number("delay", "command_delay", USUAL.late, 3e-4, -TRANSPORT, 0.2),
     Number("lag", "first_order_lag", PERIOD, 3e-4, 0.0, 0.3),
-    Number("zero_out", "encoder_offset", ZERO, 1e-3, -0.6, 0.6),
-    Number("zero_in", "encoder_offset", ZERO, 1e-3, -0.6, 0.6),
+    Number("zero_out", "encoder_offset", USUAL.zero, 1e-3, -0.6, 0.6),
+    Number("zero_in", "encoder_offset", USUAL.zero, 1e-3, -0.6, 0.6),
 )  # fmt: skip
 """Coordinates: logarithms of factors for the first six, then s, s, rad, rad."""
 
@@ -52,7 +53,7 @@ NUMBERS = (
 def _put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
     """Put the coordinates into the numbers of a joint."""
     for number, value in zip(NUMBERS, x, strict=True):
-        if number.field in RELATIVE:
+        if number.field in SHARES:
             drive[number.field] = joint.nominal[number.field] * float(np.exp(value))
         elif number.field == "delay":
             drive["delay"] = TRANSPORT + float(value)
