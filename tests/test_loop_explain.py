@@ -48,8 +48,8 @@ class Walker:
 class Diagnosis:
     """A diagnosis that says what it was told to, and keeps what it was given."""
 
-    def __init__(self, **causes):
-        self.causes, self.given = causes, []
+    def __init__(self, promoted=True, **causes):
+        self.causes, self.promoted, self.given = causes, promoted, []
 
     def __call__(self, source, fit, unfit, out, seed, tell):
         self.given.append((source, fit, unfit))
@@ -59,7 +59,8 @@ class Diagnosis:
         for name, value in self.causes.items():
             world = add_cause(world, name, ["all"], value)
         write_world(out / "world.json", world, {}, None)
-        text = {"verdict": "named", "sentence": "The commands come late."}
+        gain = {"before": 0.02, "after": 0.01, "promoted": self.promoted}
+        text = {"verdict": "named", "sentence": "It is late.", "gain": gain}
         runs.write_json(out / "diagnosis.json", text)
         return text
 
@@ -164,6 +165,10 @@ def refuses(*_):
     [
         (refuses, "the robot falls in every log"),
         (Diagnosis(), "the diagnosis changes nothing"),
+        (
+            Diagnosis(promoted=False, command_delay=DELAY),
+            "what the diagnosis found does not surely predict the held-out motion",
+        ),
         (Diagnosis(torque_limit=0.3), "theta0 falls in 20 of 20 walks"),
     ],
 )

@@ -17,6 +17,7 @@ from gatjax.loop.staged import staged
 from gatjax.records import JOINTS
 from gatjax.robot.nao import LIMITS
 from gatjax.runs import write_json, write_whole
+from gatjax.runs.files import read_json
 from gatjax.sim.backend import prepare
 from gatjax.sim.world import World, add_cause, read_world, write_world
 from gatjax.walk.parameters import THETA0
@@ -39,6 +40,8 @@ def explained(setting: Setting) -> list[Entry]:
         try:
             diagnosed(setting)
             write_world(file, extended(setting), {"verb": "run"}, None)
+        except np.linalg.LinAlgError:
+            raise
         except ValueError as error:
             reason = " ".join(str(error).split())
             setting.progress.stage(f"no GAT after diagnosis: {reason}")
@@ -102,12 +105,20 @@ def extended(setting: Setting) -> World:
     that what is compared differs by the causes alone.
 
     Raises:
-        ValueError: nothing was found, or theta0 falls with it.
+        ValueError: nothing was found, it predicts the held-out motion no better, or
+            theta0 falls with it.
     """
-    found, _ = read_world(setting.folder / "diagnosis" / "world.json", setting.task)
+    folder = setting.folder / "diagnosis"
+    found, _ = read_world(folder / "world.json", setting.task)
     if not found.causes:
         raise ValueError(
             "the diagnosis changes nothing: GAT after it would be GAT alone"
+        )
+    gain = read_json(folder / "diagnosis.json")["gain"]
+    if not gain["promoted"]:
+        raise ValueError(
+            f"what the diagnosis found does not surely predict the held-out motion "
+            f"better (error {gain['before']:.3g} to {gain['after']:.3g} rad)"
         )
     world = setting.world
     for row in found.causes:
