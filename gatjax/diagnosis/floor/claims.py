@@ -83,14 +83,16 @@ def scene(standing: Standing) -> Scene:
     nominal = vector(standing, seen.names, rows)[0]
     ends = np.cumsum([len(suspect.nodes) for suspect in suspects])[:-1]
     simulated = np.split(_predicted(standing, seen.names, nodes), ends)
-    wide = widened(seen, _tolerances(suspects, simulated, nominal))
+    columns = _tolerances(suspects, simulated, nominal, standing.allowed.tilt)
+    wide = widened(seen, columns)
     known = weighed(wide, nominal)
     return Scene(standing, world, rows, suspects, simulated, wide, known)
 
 
 def _tolerances(
-    suspects: list[Suspect], simulated: list[np.ndarray], nominal: np.ndarray
-) -> np.ndarray:
+    suspects: list[Suspect], simulated: list[np.ndarray], nominal: np.ndarray,
+    tilt: float,
+) -> np.ndarray:  # fmt: skip
     """Small changes [C, B, K] of soles, ground and tilt that are no cause.
 
     The tilt is a tolerance of the ensemble, too; a direction of its own costs less than
@@ -102,7 +104,7 @@ def _tolerances(
             node, share = TOLERATED[suspect.cause]
             columns.append(share * (channels[node] - nominal))
         if suspect.cause == "gravity_tilt":
-            columns += list(scene.standing.allowed.tilt * _slopes(suspect, channels))
+            columns += list(tilt * _slopes(suspect, channels))
     return np.stack(columns, -1)
 
 
