@@ -68,21 +68,24 @@ def _of(base: Hypothesis, variant: str, fixed: Numbers) -> Hypothesis:
     return base._replace(variant=variant, put=put)
 
 
-def _variant(
-    base: Hypothesis, variant: str, fixed: Numbers, values: Numbers
-) -> Hypothesis:
-    """The same cause with the motor and the link apart, each with some friction."""
+def _geared(base: Hypothesis, side: str) -> Hypothesis:
+    """The same cause with the motor and the link apart, each with some friction.
+
+    The encoder sits on one `side`, motor or link.
+    """
+    sensed = float(side == "motor")
 
     def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
         base.put(drive, joint, x[:-1])
-        drive.update(fixed | {"link_share": float(x[-1])})
+        drive.update({"sensed": sensed, "link_share": float(x[-1])})
 
     return base._replace(
-        variant=variant, put=put, geared=True,
+        variant=f"encoder on {side}", put=put, geared=True,
         starts=tuple((*s, share) for s in base.starts for share in (0.1, 0.8)),
         steps=(*base.steps, 0.05), low=(*base.low, 0.0), high=(*base.high, 1.0),
         values=lambda joint, x: (
-            base.values(joint, x[:-1]) | values | {"link_share": float(x[-1])}
+            base.values(joint, x[:-1])
+            | {"encoder_on_motor": sensed, "link_share": float(x[-1])}
         ),
     )  # fmt: skip
 
@@ -223,10 +226,6 @@ def _thermal() -> Hypothesis:
     )  # fmt: skip
 
 
-ARM = 0.08  # m, how far from the centre of mass a payload is expected
-_SPEEDS = (0.5, 0.8, 1.2, 1.8, 2.7, 4.0, 6.0, 9.0)  # rad/s
-
-
 def _torque_speed() -> Hypothesis:
     """Torque-speed line; the catalogue's limit is the speed that friction allows."""
     base = _positive("speed_limit", "limit", "speed", 0.3, 30.0, _SPEEDS)
@@ -277,6 +276,8 @@ def _spring() -> Hypothesis:
     )  # fmt: skip
 
 
+ARM = 0.08  # m, how far from the centre of mass a payload is expected
+_SPEEDS = (0.5, 0.8, 1.2, 1.8, 2.7, 4.0, 6.0, 9.0)  # rad/s
 _BANDS = tuple(np.geomspace(0.003, 0.08, 10))  # rad
 _SHARES = tuple(np.geomspace(0.05, 0.85, 16))  # of a limit
 _QUANTA = tuple(np.geomspace(0.004, 0.15, 150))
@@ -314,14 +315,14 @@ CAUSES: tuple[Hypothesis, ...] = (
     _stiction(),
     _of(_LOAD, "of the link's torque", {"by_servo": 0.0}),
     _of(_LOAD, "of the servo's torque", {"by_servo": 1.0}),
-    _variant(_WIDTH, "encoder on link", {"sensed": 0.0}, {"encoder_on_motor": 0.0}),
-    _variant(_WIDTH, "encoder on motor", {"sensed": 1.0}, {"encoder_on_motor": 1.0}),
+    _geared(_WIDTH, "link"),
+    _geared(_WIDTH, "motor"),
     _positive("dead_band", "half_width", "dead", 0.002, 0.2, _BANDS),
     _positive(
         "command_quantization", "step", "quantum", 0.003, 0.2, _QUANTA, step=0.004
     ),
-    _variant(_SPRING, "encoder on link", {"sensed": 0.0}, {"encoder_on_motor": 0.0}),
-    _variant(_SPRING, "encoder on motor", {"sensed": 1.0}, {"encoder_on_motor": 1.0}),
+    _geared(_SPRING, "link"),
+    _geared(_SPRING, "motor"),
     _wave("torque_ripple", "", ("ripple_sin", "ripple_cos", "cycles"), _CYCLES),
     _signed("asymmetric_friction", "", "asymmetric", "torque", 0.12, 1.0, _limit),
     _signed(

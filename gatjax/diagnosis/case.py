@@ -24,7 +24,7 @@ from gatjax.diagnosis.joint import STEP, Joint
 from gatjax.diagnosis.tolerances import USUAL, Tolerances
 from gatjax.robot.model import joint_names
 
-PULL = 10.0  # 1/s
+PULL = 10.0  # 1/s, of a pulled joint towards its measured motion
 THREADS = os.cpu_count() or 1
 
 

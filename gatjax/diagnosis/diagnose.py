@@ -127,7 +127,7 @@ def _extended(
     pair = {str(k): each[0] for k, (_, each) in enumerate(tried)}
     errors = measure.log_errors(logs, pair)
     size = [error.squared.sum() for error in errors.values()]
-    return tried[int(lost[1] < lost[0] or (lost[1] == lost[0] and size[1] < size[0]))]
+    return min(zip(lost, size, tried, strict=True), key=lambda row: row[:2])[2]
 
 
 def _predicted(

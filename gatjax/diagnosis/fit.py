@@ -127,18 +127,17 @@ def linearised(joint: Joint, fits: list[Fit]) -> list[Fit]:
 def _sloped(joint: Joint, fits: list[Fit]) -> list[Fit]:
     """Slopes of all fits; those of tolerances only where they are too old."""
     points: list[Point] = []
-    steps = []
-    for fit in fits:
+    steps, borrowed = [], [COUNT if fit.age < BORROWED else 0 for fit in fits]
+    for fit, kept in zip(fits, borrowed, strict=True):
         _, high = bounds(fit.hypothesis)
         step = _differences(fit.hypothesis)
         step = np.where(fit.x + step > high, -step, step)
         steps.append(step)
-        wanted = np.diag(step)[COUNT if fit.age < BORROWED else 0 :]
+        wanted = np.diag(step)[kept:]
         points += [(fit.hypothesis, fit.x + row) for row in wanted]
     found = residuals(joint, points)
     out, first = [], 0
-    for fit, step in zip(fits, steps, strict=True):
-        kept = COUNT if fit.age < BORROWED else 0
+    for fit, step, kept in zip(fits, steps, borrowed, strict=True):
         columns = found[:, first : first + len(step) - kept]
         first += len(step) - kept
         fresh = (columns - fit.residual[:, None]) / step[kept:]

@@ -155,7 +155,7 @@ def weigh(tree: Tree, motion: Motion, others: list[mujoco.MjModel]) -> Loads:
     drawn = [tree.loads(other, motion, few) for other in others]
     bodies = np.empty((2, *rest.shape, rest.shape[1], len(BODY_TERMS)))
     for joint, body in enumerate(tree.body):
-        for term, (other, size) in enumerate(_changed(tree.model, int(body))):
+        for term, (other, size) in enumerate(changed(tree.model, int(body))):
             load = tree.loads(other, motion, few)
             bodies[0, :, :, joint, term] = (load.rest - rest) / size
             bodies[1, :, :, joint, term] = (load.inertia - inertia) / size
@@ -171,7 +171,7 @@ def weigh(tree: Tree, motion: Motion, others: list[mujoco.MjModel]) -> Loads:
     return Loads(nominal, draws, bodies, np.stack(gravity, -1))
 
 
-def _changed(model: mujoco.MjModel, body: int) -> list[tuple[mujoco.MjModel, float]]:
+def changed(model: mujoco.MjModel, body: int) -> list[tuple[mujoco.MjModel, float]]:
     """Models with one body term each, and its size: see BODY_TERMS."""
     size = 0.1 * float(model.body_subtreemass[body])
     heavy = mujoco.MjModel.__copy__(model)

@@ -109,10 +109,10 @@ def _solved(
 
 def explain(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
     """Fits of the bank's best hypotheses, best first, one per cause and variant."""
-    found, known = scan(joint, base, bank), fits.evidence(joint, base)
-    if _unsuspicious(joint, base, [fits.evidence(joint, f) - known for f in found]):
+    found, calm = _started(joint, base, bank)
+    if calm:
         return _best(found, KEPT[-1])
-    found += _scanned_afresh(joint, base, bank)
+    known = fits.evidence(joint, base)
     dropped: list[Fit] = []
     for kept, rounds in zip(KEPT, ROUNDS, strict=True):
         dropped += _best(found, len(found))[kept:]
@@ -128,24 +128,30 @@ def explain(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
 
 def proposals(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
     """Fits of promising hypotheses, best first, not at their best yet."""
-    found, known = scan(joint, base, bank), fits.evidence(joint, base)
-    if _unsuspicious(joint, base, [fits.evidence(joint, f) - known for f in found]):
+    found, calm = _started(joint, base, bank)
+    if calm:
         return _best(found, KEPT[-1])
-    found += _scanned_afresh(joint, base, bank)
     for kept, rounds in zip(PROPOSED, TURNS, strict=True):
         found = fits.improve(joint, _best(found, kept), rounds)
     return _best(found, RIVALS)
 
 
-def _scanned_afresh(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
-    """Starts beside the nominal model.
+def _started(
+    joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]
+) -> tuple[list[Fit], bool]:
+    """Starts beside a fit, and whether none of them needs a closer look.
 
-    Tolerances that imitate a cause are a bad place to look for it.
+    If one does, there are starts beside the nominal model, too: tolerances that imitate
+    a cause are a bad place to look for it.
     """
+    found, known = scan(joint, base, bank), fits.evidence(joint, base)
+    if _unsuspicious(joint, base, [fits.evidence(joint, f) - known for f in found]):
+        return found, True
     plain = base.x.copy()
     plain[:COUNT] = 0.0
     fresh = fits.start(joint, [(base.hypothesis, plain)])[0]
-    return scan(joint, fresh, tuple(h for h in bank if len(h.starts) < FEW))
+    few = tuple(h for h in bank if len(h.starts) < FEW)
+    return found + scan(joint, fresh, few), False
 
 
 def _shaken(joint: Joint, found: list[Fit]) -> list[Fit]:

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gatjax.diagnosis.case import Case
 from gatjax.diagnosis.claims import WORTH, Claim
 from gatjax.diagnosis.hypotheses import Hypothesis
 from gatjax.diagnosis.judge import Judge
@@ -54,12 +53,11 @@ class Verdict(NamedTuple):
 
 def decide(judge: Judge) -> Verdict:
     """Name causes one after the other until nothing worth naming is left."""
-    case = judge.case
     causes: list[Cause] = []
     law: Claim | None = None
     claims = judge.claims()
     while len(causes) < judge.most:
-        best = next((c for c in claims if worth_naming(judge, case, c)), None)
+        best = next((c for c in claims if worth_naming(judge, c)), None)
         if best is None:
             break
         if not (judge.confirmed(best) or _whole(judge, best)):
@@ -77,14 +75,14 @@ def decide(judge: Judge) -> Verdict:
             break
         count = len(judge.joints)
         claims = [c for c in judge.claims() if not _again(c, causes, count)]
-    left = [k for k in range(len(judge.joints)) if not adequate(judge, case, k)]
+    left = [k for k in range(len(judge.joints)) if not adequate(judge, k)]
     if law is not None:
         left = sorted({*left, *law.where})
     causes = [_doubted(cause, left) for cause in causes]
     return Verdict(_word(causes, left), causes, left, law, claims, judge)
 
 
-def worth_naming(judge: Judge, case: Case, claim: Claim) -> bool:
+def worth_naming(judge: Judge, claim: Claim) -> bool:
     """Whether a claim is well supported, and larger than what tolerances do.
 
     What a large cause leaves at its joint, a small share of what it explained, is more
@@ -93,7 +91,7 @@ def worth_naming(judge: Judge, case: Case, claim: Claim) -> bool:
     if claim.gain < WORTH:
         return False
     known = {k for accepted in judge.accepted for k in accepted.fits}
-    again = [k for k in claim.fits if k in known and adequate(judge, case, k)]
+    again = [k for k in claim.fits if k in known and adequate(judge, k)]
     if len(again) == len(claim.fits) and explained(judge, claim) < SECOND_SHARE:
         return False
     return judge.visibility(claim) > VISIBLE
@@ -141,11 +139,11 @@ def _word(causes: list[Cause], left: list[int]) -> str:
     return "named" if sure else "ambiguous"
 
 
-def adequate(judge: Judge, case: Case, index: int) -> bool:
+def adequate(judge: Judge, index: int) -> bool:
     """Whether what is known about a joint leaves no more than a right model would."""
     joint, fit = judge.joints[index], judge.known[index]
     level = fit.rms() / joint.noise
-    before = case.healthy[index].rms() / joint.noise
+    before = judge.case.healthy[index].rms() / joint.noise
     known = any(index in claim.fits for claim in judge.accepted)
     most = ROUGH if known and index not in judge.case.pulled else TOLERABLE
     enough = level < most or level**2 < REST * before**2

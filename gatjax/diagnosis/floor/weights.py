@@ -25,8 +25,8 @@ from gatjax.diagnosis.loads import (
     GRAVITY_TERMS,
     Load,
     Tree,
+    changed,
 )
-from gatjax.diagnosis.loads import _changed as changed
 from gatjax.diagnosis.motion import FINE, LEAD, Motion, cells, spread
 from gatjax.sim.limbs import put_down
 
