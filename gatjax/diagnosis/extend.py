@@ -118,7 +118,7 @@ def calibration(verdict: Verdict) -> list[Row]:
                 {"cause": cause, "where": [joint.name], "values": values,
                  "role": "calibration"}
             )  # fmt: skip
-    return rows
+    return sorted(rows, key=lambda row: row["cause"])  # so that they share effects
 
 
 def extended(

@@ -55,47 +55,50 @@ class Tree:
             self.moves[model.jnt_dofadr[follower], column] = ratio[1]
             self.ties.append((model.jnt_qposadr[follower], column, ratio))
 
-    def set(self, data: mujoco.MjData, position: np.ndarray) -> None:
-        """Write joint positions [J] rad into the state, tied joints with them."""
-        data.qpos[self.qpos] = position
+    def placed(self, position: np.ndarray) -> np.ndarray:
+        """Positions of the physics [N, nq] for joint positions [N, J], rad."""
+        qpos = np.tile(self.model.qpos0, (len(position), 1))
+        qpos[:, self.qpos] = position
         for address, column, ratio in self.ties:
-            data.qpos[address] = np.polyval(ratio[::-1], position[column])
+            qpos[:, address] = np.polyval(ratio[::-1], position[:, column])
+        return qpos
 
     def loads(self, model: mujoco.MjModel, motion: Motion, rows: np.ndarray) -> Load:
         """Loads of all joints at some rows of a motion, for a variant of the model."""
-        data, joints = mujoco.MjData(model), self.moves.shape[1]
-        dense = np.zeros((model.nv, model.nv))
-        rest, inertia = np.empty((len(rows), joints)), np.empty((len(rows), joints))
-        for out, row in enumerate(rows):
-            self.set(data, motion.position[row])
-            data.qvel[:] = self.moves @ motion.velocity[row]
+        data, moves = mujoco.MjData(model), self.moves
+        dense = np.zeros((len(rows), model.nv, model.nv))
+        bias = np.empty((len(rows), model.nv))
+        qpos = self.placed(motion.position[rows])
+        qvel = motion.velocity[rows] @ moves.T
+        for row in range(len(rows)):
+            data.qpos[:], data.qvel[:] = qpos[row], qvel[row]
             mujoco.mj_fwdPosition(model, data)
             mujoco.mj_fwdVelocity(model, data)
-            mujoco.mj_fullM(model, data, dense)
-            reduced = self.moves.T @ dense @ self.moves
-            inertia[out] = np.diag(reduced)
-            own = inertia[out] * motion.acceleration[row]
-            rest[out] = self.moves.T @ data.qfrc_bias - own
-            rest[out] += reduced @ motion.acceleration[row]
+            mujoco.mj_fullM(model, data, dense[row])
+            bias[row] = data.qfrc_bias
+        reduced, pushed = moves.T @ dense @ moves, motion.acceleration[rows]
+        inertia = np.diagonal(reduced, axis1=1, axis2=2).copy()
+        rest = bias @ moves - inertia * pushed
+        rest += (reduced @ pushed[..., None])[..., 0]
         return Load(rest, np.zeros_like(rest), inertia)
 
     def slopes(self, motion: Motion, rows: np.ndarray) -> np.ndarray:
         """Derivative of the gravity load of each joint by its own angle [N, J]."""
         model, data = self.model, mujoco.MjData(self.model)
         step, joints = 1e-4, self.moves.shape[1]
-        slope = np.empty((len(rows), joints))
-        for out, row in enumerate(rows):
-            for joint in range(joints):
-                load = []
-                for sign in (-1.0, 1.0):
-                    position = motion.position[row].copy()
-                    position[joint] += sign * step
-                    self.set(data, position)
+        slope = np.zeros((len(rows), joints))
+        for joint in range(joints):
+            for sign in (-1.0, 1.0):
+                position = motion.position[rows]
+                position[:, joint] += sign * step
+                qpos = self.placed(position)
+                for row in range(len(rows)):
+                    data.qpos[:] = qpos[row]
                     mujoco.mj_kinematics(model, data)
                     mujoco.mj_comPos(model, data)
                     mujoco.mj_fwdVelocity(model, data)
-                    load.append(self.moves[:, joint] @ data.qfrc_bias)
-                slope[out, joint] = (load[1] - load[0]) / (2.0 * step)
+                    load = float(self.moves[:, joint] @ data.qfrc_bias)
+                    slope[row, joint] += sign * load / (2.0 * step)
         return slope
 
 

@@ -156,10 +156,15 @@ def add_cause(
     numbers: dict[str, Any] = {}
     for part, names in zip(parts, places, strict=True):
         params = spread(entry, part, names, row["where"], full)
-        key, slot = f"{name}_{len(world.causes)}", part.slot
+        slot = part.slot
         if slot in ("body", GEAR):
             continue
-        if part.build is not None:
+        key = _sharing(world, slot, row)
+        if key:  # an effect of the cause acts at other joints already
+            old, here = getattr(world.values, slot)[key], np.isin(names, where)
+            params = jax.tree.map(lambda new, was: np.where(here, new, was), params, old)
+        key = key or f"{name}_{len(world.causes)}"
+        if part.build is not None and key not in getattr(world, slot):
             period = world.model.opt.timestep
             period = period if slot in ("motor", "joint") else world.task.control_period
             added[slot] = {**getattr(world, slot), key: part.build(period)}
@@ -171,6 +176,22 @@ def add_cause(
         **added,
     )
     return _refreshed(world, {part.slot for part in parts})
+
+
+def _sharing(world: World, slot: str, row: dict) -> str | None:
+    """Name the last effect of a slot if a row can share it: one cause, other joints."""
+    key = next(reversed(getattr(world.values, slot) or {}), "")
+    begin = key.rpartition("_")[2]
+    if not begin.isdigit():
+        return None
+    rows = [*world.causes[int(begin) :], row]
+    if {each["cause"] for each in rows} != {row["cause"]}:
+        return None
+    joints = [joint for each in rows for joint in each["where"]]
+    known = set(joints) <= set(robot_model.joint_names(world.model))
+    active = [cause(row["cause"]).active(causes.completed(each)) for each in rows]
+    alike = all(parts == active[0] for parts in active)
+    return key if known and alike and len(set(joints)) == len(joints) else None
 
 
 def _refreshed(world: World, slots: set[str]) -> World:
