@@ -280,7 +280,7 @@ ARM = 0.08  # m, how far from the centre of mass a payload is expected
 _SPEEDS = (0.5, 0.8, 1.2, 1.8, 2.7, 4.0, 6.0, 9.0)  # rad/s
 _BANDS = tuple(np.geomspace(0.003, 0.08, 10))  # rad
 _SHARES = tuple(np.geomspace(0.05, 0.85, 16))  # of a limit
-_QUANTA = tuple(np.geomspace(0.004, 0.15, 150))
+_QUANTA = tuple(np.geomspace(0.004, 0.25, 170))
 _CYCLES = tuple(np.geomspace(3.0, 40.0, 20))
 _FREQUENCIES = tuple(2.0 * np.pi * np.geomspace(0.1, 8.0, 26))
 _LOAD = _positive("load_friction", "coefficient", "loaded", 0.02, 3.0, (0.1, 0.3, 0.8))
@@ -319,7 +319,7 @@ CAUSES: tuple[Hypothesis, ...] = (
     _geared(_WIDTH, "motor"),
     _positive("dead_band", "half_width", "dead", 0.002, 0.2, _BANDS),
     _positive(
-        "command_quantization", "step", "quantum", 0.003, 0.2, _QUANTA, step=0.004
+        "command_quantization", "step", "quantum", 0.003, 0.3, _QUANTA, step=0.004
     ),
     _geared(_SPRING, "link"),
     _geared(_SPRING, "motor"),

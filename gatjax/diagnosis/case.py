@@ -24,7 +24,7 @@ from gatjax.diagnosis.joint import STEP, Joint
 from gatjax.diagnosis.tolerances import USUAL, Tolerances
 from gatjax.robot.model import joint_names
 
-PULL = 10.0  # 1/s, of a pulled joint towards its measured motion
+PULLS = (10.0, 30.0)  # 1/s, of a pulled joint towards its measured motion
 THREADS = os.cpu_count() or 1
 
 
@@ -96,7 +96,8 @@ class Case:
     motions: list[motions.Motion]
     loads: list[weights.Loads]
     healthy: list[Fit]
-    pulled: frozenset[int] = frozenset()  # joints drawn to their measured motion
+    pulled: dict[int, float] = dataclasses.field(default_factory=dict)
+    # joints drawn to their measured motion, 1/s
 
     @property
     def tree(self) -> weights.Tree:
@@ -213,18 +214,22 @@ def along(case: Case, known: list[Joint], fits: list[Fit]) -> Case:
     return pulled(new, case.pulled)
 
 
-def pulled(case: Case, chosen: Iterable[int]) -> Case:
+def pulled(case: Case, drawn: dict[int, float]) -> Case:
     """The same case with some of its joints drawn to their measured motion.
 
     Where stick and slip decide when a joint moves, two runs part for good after a small
     difference, and no law looks right.
+
+    Args:
+        case: to change.
+        drawn: how strongly each joint is drawn, 1/s; those that it lacks stay as is.
     """
-    drawn = case.pulled | set(chosen)
+    rates = case.pulled | drawn
     ready = [
-        joint._replace(nominal=joint.nominal | {"pull": PULL * (joint.index in drawn)})
+        joint._replace(nominal=joint.nominal | {"pull": rates.get(joint.index, 0.0)})
         for joint in case.joints
     ]
-    return dataclasses.replace(case, joints=ready, pulled=drawn)
+    return dataclasses.replace(case, joints=ready, pulled=rates)
 
 
 def _resimulated(

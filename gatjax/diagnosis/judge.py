@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import itertools
 from collections.abc import Callable
 
@@ -150,22 +151,27 @@ class Judge:
             return fit
 
         self.found |= dict(zip(missing, mapped(one, missing), strict=True))
-        self._pull([k for k in missing if self._misses(k)])
+        for rate in cases.PULLS:
+            self._pull([k for k in missing if self._misses(k, rate)], rate)
         found = self._single()
         if len(self.joints) > 1:
             found += self._shared(found) + self._bodies(found)
         found += self._lost()
         return sorted(found, key=lambda claim: -claim.gain)
 
-    def _misses(self, index: int) -> bool:
-        """Whether even the best explanation of a joint goes astray."""
+    def _misses(self, index: int, rate: float) -> bool:
+        """Whether a joint is drawn less, and even its best explanation goes astray."""
         best = min(fit.rms() for fit in [self.known[index], *self.found[index]])
         astray = best > ASTRAY * self.joints[index].noise
-        return astray and index not in self.case.pulled
+        return astray and self.case.pulled.get(index, 0.0) < rate
 
-    def _pull(self, joints: list[int]) -> None:
-        """Look at joints again, drawn to their measured motion."""
-        self.case = cases.pulled(self.case, joints)
+    def _pull(self, joints: list[int], rate: float) -> None:
+        """Look at joints again, drawn to their measured motion at a rate in 1/s."""
+        self.case = cases.pulled(self.case, dict.fromkeys(joints, rate))
+        healthy = list(self.case.healthy)
+        for k in joints:
+            healthy[k] = search.healthy(self.case.joints[k], healthy[k].x)
+        self.case = dataclasses.replace(self.case, healthy=healthy)
         self.joints = self._altered(self.case)
         for index, fit in zip(joints, mapped(self._again, joints), strict=True):
             self.known[index] = fit

@@ -23,6 +23,7 @@ EXPECTED = 1.3  # misfit power of a right model, in squares of the reading noise
 SPENT = 9.0  # squared deviations: tolerances that imitate a cause instead of a misfit
 ROUGH = 3.5  # the same at a joint with a named cause, whose law is a simplification
 REST = 0.02  # share of the misfit power that an explanation may leave
+DRAWN_REST = 0.15  # the same of a joint that is drawn to its measured motion
 ALIASES = (
     frozenset({"command_delay", "measurement_delay"}),
     frozenset({"damping_error", "viscous_friction"}),
@@ -145,8 +146,11 @@ def adequate(judge: Judge, index: int) -> bool:
     level = fit.rms() / joint.noise
     before = judge.case.healthy[index].rms() / joint.noise
     known = any(index in claim.fits for claim in judge.accepted)
-    most = ROUGH if known and index not in judge.case.pulled else TOLERABLE
-    enough = level < most or level**2 < REST * before**2
+    if index in judge.case.pulled:  # it looks better than it is
+        enough = known and level < ROUGH and level**2 < DRAWN_REST * before**2
+    else:
+        most = ROUGH if known else TOLERABLE
+        enough = level < most or level**2 < REST * before**2
     return enough or judge.tolerates(index)
 
 
