@@ -9,7 +9,7 @@ import numpy as np
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import Hypothesis
 
-PRICE = 2.0  # nats for each coordinate of a cause
+PRICE = 2.0  # nats at least for each coordinate of a cause
 PLACE = 1.0  # nats for each joint that is named by itself
 WORTH = 10.0  # nats: a claim below is no finding
 SHARED = (
@@ -68,6 +68,28 @@ def uncertainty(free: list[Fit], count: int) -> np.ndarray | None:
         scale = REPEATED * max(fit.cost / len(fit.residual), 0.3)
         total += np.linalg.pinv(covariance * scale)
     return np.linalg.pinv(total) if count and free else None
+
+
+def occam(
+    hypothesis: Hypothesis, own: np.ndarray, covariance: np.ndarray | None
+) -> float:
+    """What a cause's coordinates cost, in nats: the share of their prior that fits.
+
+    The prior is uniform within the bounds, or normal where the hypothesis has one;
+    Laplace's approximation of the integral over the posterior (MacKay 2003, eq. 28.6).
+    """
+    count = len(own)
+    if covariance is None or not count:
+        return PRICE * count
+    known = hypothesis.weights()
+    width = np.array(hypothesis.high) - np.array(hypothesis.low)
+    square = 1.0 / np.maximum(known, 1e-12)
+    flat, variance = known == 0.0, np.where(known == 0.0, width**2 / 12.0, square)
+    normal = 0.5 * (own**2 / variance + np.log(2.0 * np.pi * variance))
+    posterior = np.linalg.pinv(covariance) + np.diag(1.0 / variance)
+    size = 0.5 * (count * np.log(2.0 * np.pi) - np.linalg.slogdet(posterior)[1])
+    price = float(np.where(flat, np.log(width), normal).sum() - size)
+    return max(price, PRICE * count)
 
 
 def shared_value(free: list[Fit], count: int) -> np.ndarray:

@@ -17,11 +17,11 @@ from gatjax.diagnosis.case import Case, along, mapped
 from gatjax.diagnosis.claims import (
     BODY,
     PLACE,
-    PRICE,
     SHARED,
     WHOLE,
     WORTH,
     Claim,
+    occam,
     shared_value,
     uncertainty,
 )
@@ -151,12 +151,14 @@ class Judge:
             return fit
 
         self.found |= dict(zip(missing, mapped(one, missing), strict=True))
+        lost = self._lost()
+        solved = {k for claim in lost for k in claim.fits}
         for rate in cases.PULLS:
-            self._pull([k for k in missing if self._misses(k, rate)], rate)
-        found = self._single()
+            astray = [k for k in missing if self._misses(k, rate) and k not in solved]
+            self._pull(astray, rate)
+        found = self._single() + lost
         if len(self.joints) > 1:
             found += self._shared(found) + self._bodies(found)
-        found += self._lost()
         return sorted(found, key=lambda claim: -claim.gain)
 
     def _misses(self, index: int, rate: float) -> bool:
@@ -189,10 +191,10 @@ class Judge:
                 assert fit.hypothesis is not None
                 newest = (fit.hypothesis.parts or (fit.hypothesis,))[-1]
                 count = len(newest.low)
-                gain = self.score(index, fit) - PRICE * count - PLACE
-                own = fit.x[len(fit.x) - count :]
+                own, sure = fit.x[len(fit.x) - count :], uncertainty([fit], count)
+                gain = self.score(index, fit) - occam(newest, own, sure) - PLACE
                 claim = Claim(newest, own, (index,), {index: fit}, gain)
-                out.append(claim._replace(covariance=uncertainty([fit], count)))
+                out.append(claim._replace(covariance=sure))
         return out
 
     def _free(
@@ -260,7 +262,7 @@ class Judge:
         """A claim about several joints."""
         places = 1 if len(mine) == len(self.joints) else len(mine)
         gain = sum(self.score(k, fit) for k, fit in mine.items())
-        gain -= PRICE * len(own) + PLACE * places
+        gain -= occam(hypothesis, own, sure) + PLACE * places
         return Claim(hypothesis, own, tuple(mine), mine, gain, covariance=sure)
 
     def _groups(self, suspects: list[int]) -> set[tuple[int, ...]]:
@@ -318,8 +320,8 @@ class Judge:
             for n, (hypothesis, own) in enumerate(values):
                 mine = {k: rows[n] for k, rows in zip(bearers, fixed, strict=True)}
                 gain = sum(self.score(k, fit, joints[k]) for k, fit in mine.items())
-                gain -= PRICE * len(own) + PLACE
                 sure = uncertainty([free[k][n] for k in bearers], len(own))
+                gain -= occam(hypothesis, own, sure) + PLACE
                 claim = Claim(hypothesis, own, (body,), mine, gain, body)
                 out.append(claim._replace(covariance=sure))
             return out
@@ -335,6 +337,7 @@ class Judge:
         noisy = [
             k for k, rms in enumerate(least)
             if rms > NOISY * self.joints[k].noise
+            and k not in self.case.pulled
             and not any(k in (claim.lost or {}) for claim in self.accepted)
         ]  # fmt: skip
 

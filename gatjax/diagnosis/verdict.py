@@ -91,6 +91,8 @@ def worth_naming(judge: Judge, claim: Claim) -> bool:
     """
     if claim.gain < WORTH:
         return False
+    if len(claim.fits) > 1 and claim.stance is None and not _whole(judge, claim):
+        return False  # one value at several joints has to suit them
     known = {k for accepted in judge.accepted for k in accepted.fits}
     again = [k for k in claim.fits if k in known and adequate(judge, k)]
     if len(again) == len(claim.fits) and explained(judge, claim) < SECOND_SHARE:
