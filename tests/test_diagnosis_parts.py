@@ -5,7 +5,7 @@ import pytest
 from test_diagnosis_plant import joint, wave
 
 from gatjax.diagnosis import bank, drops, motion
-from gatjax.diagnosis.claims import shared_value, uncertainty
+from gatjax.diagnosis.claims import PRICE, occam, shared_value, uncertainty
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, combined, information, pinned
 from gatjax.diagnosis.loads import tilted
@@ -101,6 +101,17 @@ def test_joints_agree_on_a_value_by_their_information():
     assert shared_value(fits, 1)[0] == pytest.approx(1.25, rel=1e-3)
     alone, both = uncertainty(fits[:1], 1), uncertainty(fits, 1)
     assert both[0, 0] == pytest.approx(alone[0, 0] * 300.0 / 400.0)
+
+
+def test_a_coordinate_costs_what_of_its_prior_it_rules_out():
+    """Uniform over a width w, known to sigma: ln(w / (sigma sqrt(2 pi)))."""
+    scale, own = by_cause("encoder_scale"), np.array([0.02])
+    sharp = occam(scale, own, np.array([[1e-6]]))
+    assert sharp == pytest.approx(np.log(0.8 / (1e-3 * np.sqrt(2.0 * np.pi))), rel=1e-3)
+    assert occam(scale, own, np.array([[1e4]])) == PRICE  # the data say nothing
+    shift, sure = by_cause("com_shift"), np.eye(3) * 1e-8
+    near, far = (occam(shift, np.array([0.0, 0.0, z]), sure) for z in (0.01, 0.1))
+    assert far - near == pytest.approx(0.5 * (3.0 / 0.17) ** 2 * (0.1**2 - 0.01**2))
 
 
 def test_losses_that_change_nothing_do_not_count():

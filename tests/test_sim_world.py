@@ -18,12 +18,14 @@ from gatjax.robot import model as robot_model
 from gatjax.sim.backend import prepare
 from gatjax.sim.native import Native
 from gatjax.sim.poses import write_walk
+from gatjax.sim.replay import replay_many
 from gatjax.sim.world import (
     add_cause,
     dropped_by_mjx,
     fields_applied,
     nominal,
     read_world,
+    stacked,
     write_world,
 )
 from gatjax.task import Task, task_at
@@ -105,6 +107,30 @@ def test_the_same_cause_may_act_twice():
     world = add_cause(world, "command_delay", ["LKneePitch"], 0.03)
     assert len(world.motor) == len(world.values.motor) == 2
     assert list(world.motor) == list(world.values.motor)
+
+
+def test_rows_of_a_cause_at_other_joints_share_an_effect():
+    """They act as apart: a delay and a loss of targets of their own for each joint."""
+    rows = [("command_delay", "LKneePitch", 0.02), ("command_delay", "RKneePitch", 0.04)]
+    rows += [("encoder_offset", "LKneePitch", 0.1), ("encoder_offset", "LHipRoll", 0.2)]
+    shared = apart = nominal(SHORT)
+    for name, joint, value in rows:
+        shared = add_cause(shared, name, [joint], value)
+    for name, joint, value in (rows[0], rows[2], rows[1], rows[3]):
+        apart = add_cause(apart, name, [joint], value)
+    assert len(shared.causes) == len(apart.causes) == 4
+    assert [len(shared.motor), len(shared.sensor)] == [1, 2]  # and its noise
+    assert [len(apart.motor), len(apart.sensor)] == [2, 3]
+    rng = np.random.default_rng(0)
+    commands = 0.02 * rng.standard_normal((1, 40, len(JOINTS))).cumsum(1)
+    start = np.array(shared.model.qpos0), np.zeros(shared.model.nv)
+    played = [
+        replay_many(world, stacked([world.values]), commands, *start)
+        for world in (shared, apart)
+    ]
+    np.testing.assert_array_equal(*(run.reading.angle for run in played))
+    both = add_cause(shared, "encoder_offset", ["LHipRoll"], 0.1)
+    assert len(both.sensor) == 3  # a second time at one joint: on top
 
 
 @pytest.mark.parametrize("name", CLOSED)

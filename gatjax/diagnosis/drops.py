@@ -23,10 +23,11 @@ from gatjax.diagnosis.motion import cells
 
 MEMORY = 0.35  # s that the answer to one tick lasts
 BURSTS = (1, 2, 3, 5, 8, 12)  # ticks that are tried together
-ODDS = 4.5  # nats that naming one lost tick costs
+ODDS = 4.5  # nats at most that naming one lost tick costs
 TOLD = 0.75  # quantile of the changes of a command beyond which a loss is seen
 ROUNDS = 4  # of decoding and fitting
 SWEEPS = 4
+OLDEST, GUESS = 25, 0.2  # ticks that a target stays at most; share lost at first
 
 
 class Losses(NamedTuple):
@@ -59,6 +60,21 @@ def statistics(
     }
 
 
+def odds(lost: Sequence[np.ndarray]) -> float:
+    """Nats that one more lost tick costs beside masks [N]: rare losses cost more."""
+    share = (sum(m.sum() for m in lost) + 1.0) / (sum(m.size for m in lost) + 2.0)
+    return float(min(np.log((1.0 - share) / share), ODDS))
+
+
+def length(lost: Sequence[np.ndarray]) -> float:
+    """Nats that it takes to write masks [N] down, losses being independent."""
+    share = (sum(m.sum() for m in lost) + 1.0) / (sum(m.size for m in lost) + 2.0)
+    count = sum(m.size for m in lost)
+    return float(
+        -count * (share * np.log(share) + (1.0 - share) * np.log(1.0 - share))
+    )
+
+
 def held(command: np.ndarray, lost: np.ndarray) -> np.ndarray:
     """Targets in force [N] when some of them are lost."""
     index = np.where(lost, 0, np.arange(len(command)))
@@ -83,9 +99,12 @@ def answer(joint: Joint, x: np.ndarray, period: float) -> np.ndarray:
 
 def decode(
     command: np.ndarray, residual: np.ndarray, lost: np.ndarray, kernel: np.ndarray,
-    scale: float,
+    scale: float, odd: float = ODDS,
 ) -> np.ndarray:  # fmt: skip
-    """Flip bursts of losses [N] as long as the residual [N] gets smaller."""
+    """Flip bursts of losses [N] as long as the residual [N] gets smaller.
+
+    A residual of `scale` is one standard deviation; a lost tick costs `odd` nats.
+    """
     before = held(command, lost)
     rest, lost = residual.copy(), lost.copy()
     count = len(command)
@@ -103,7 +122,7 @@ def decode(
                 part = np.convolve(delta, kernel)[: count - first]
                 old = rest[first : first + len(part)]
                 gain = old @ old - (old - part) @ (old - part)
-                price = 2.0 * ODDS * (int(trial.sum()) - int(lost.sum()))
+                price = 2.0 * odd * (int(trial.sum()) - int(lost.sum()))
                 if gain / scale**2 > price + 1.0:
                     rest[first : first + len(part)] -= part
                     lost, before, changed = trial, after, True
@@ -137,8 +156,7 @@ def none_lost(commands: list[np.ndarray]) -> list[np.ndarray]:
 def guessed(joint: Joint, base: Fit, commands: list[np.ndarray]) -> list[np.ndarray]:
     """Losses read from the target that the motion implies, tick by tick.
 
-    The target is what a linear servo needs for the measured motion; at each tick the
-    nearer of the new command and the one in force is taken.
+    The target is what a linear servo needs for the measured motion.
     """
     drive = joint.nominal | numbers(joint, None, base.x[:COUNT])
     inertia = float(jnp.mean(joint.grid.inertia)) + drive["armature"]
@@ -156,13 +174,32 @@ def guessed(joint: Joint, base: Fit, commands: list[np.ndarray]) -> list[np.ndar
             angle
             + (inertia * np.gradient(speed, time) + resist * speed + rest) / drive["kp"]
         )
-        lost, force = np.zeros(rows, bool), command[0]
-        for k in range(rows - 1):
-            now = implied[min(k + 1, rows - 1)]
-            lost[k] = abs(now - force) < abs(now - command[k]) and k > 0
-            force = force if lost[k] else command[k]
-        out.append(lost)
+        out.append(likeliest(command, implied))
     return out
+
+
+def likeliest(command: np.ndarray, implied: np.ndarray) -> np.ndarray:
+    """Losses [N] that explain best which target [N] was in force (Viterbi 1967).
+
+    States are the ages of the target in force, up to `OLDEST` ticks; what is implied
+    is noisy, as its second differences tell, and lags the command by a tick.
+    """
+    rows, ages = len(command), np.arange(OLDEST + 1)
+    seen = np.append(implied[1:], implied[-1])
+    noise = 1.48 * np.median(np.abs(np.diff(implied, 2))) / np.sqrt(6.0) + 1e-9
+    past = command[np.maximum(np.arange(rows)[:, None] - ages, 0)]
+    misfit = 0.5 * np.square((seen[:, None] - past) / noise)
+    came = np.zeros((rows, OLDEST + 1), int)
+    cost = np.where(ages == 0, misfit[0], np.inf)
+    arrived, missed = -np.log(1.0 - GUESS), -np.log(GUESS)
+    for k in range(1, rows):
+        came[k, 0], came[k, 1:] = int(np.argmin(cost)), ages[:-1]
+        cost = np.append(cost.min() + arrived, cost[:-1] + missed) + misfit[k]
+    age = np.empty(rows, int)
+    age[-1] = int(np.argmin(cost))
+    for k in range(rows - 1, 0, -1):
+        age[k - 1] = came[k, age[k]]
+    return age > 0
 
 
 def _refined(
@@ -174,19 +211,20 @@ def _refined(
     now = with_commands(joint, commands, lost)
     fit = fits.improve(now, fits.start(now, [(owner, base.x)]), 3)[0]
     for _ in range(ROUNDS):
-        start = 0
+        start, odd = 0, odds(lost)
         for run, command in enumerate(commands):
             rows = len(command)
             period = float(np.median(np.diff(joint.time[run, :rows])))
             residual = fit.residual[start : start + rows]
             start += rows
             kernel = answer(joint, fit.x, period)
-            lost[run] = decode(command, residual, lost[run], kernel, fits.spread(joint))
+            lost[run] = decode(
+                command, residual, lost[run], kernel, fits.spread(joint), odd
+            )
         now = with_commands(joint, commands, lost)
         fit = fits.improve(now, fits.start(now, [(owner, fit.x)]), 4)[0]
-    count = sum(int(mask.sum()) for mask in lost)
     period = float(np.median(np.diff(joint.time[0, : len(commands[0])])))
-    return Losses(lost, now, fit, ODDS * count * period / fits.CORRELATED)
+    return Losses(lost, now, fit, length(lost) * period / fits.CORRELATED)
 
 
 def with_commands(
