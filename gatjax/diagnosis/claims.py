@@ -50,6 +50,13 @@ class Claim(NamedTuple):
         """Where it is."""
         return self.where if self.stance is None else (self.stance.where,)
 
+    def moved(self, other: Claim) -> bool:
+        """Whether its coordinates left those of another by half a deviation."""
+        if self.covariance is None or not len(self.own):
+            return False
+        far = np.square(self.own - other.own) > 0.25 * np.diag(self.covariance)
+        return bool(far.any())
+
     def rivals(self, other: Claim) -> bool:
         """Whether both explain the same logs; a stance explains all of them."""
         everything = self.stance is not None or other.stance is not None

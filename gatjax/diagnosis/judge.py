@@ -35,6 +35,8 @@ DECODED = 1.8  # times the noise at most, that decoded losses leave
 MOST = 4  # shared causes that are looked into
 BODIES = 2  # bodies that are looked into closely
 CHANGED = 3.0  # nats: a joint whose evidence changed less keeps its fits
+TURNS, SETTLING = 3, 3  # rounds in which joints settle on a value; iterations of each
+PASSES = 3  # over the loads that a new claim makes, at most
 RIVAL = 0.4  # of the best gain at a joint: a body cause must come that near
 
 
@@ -52,21 +54,73 @@ class Judge:
         self.found: dict[int, list[Fit]] = {}
         self.accepted: list[Claim] = []
 
-    def accept(self, claim: Claim) -> None:
-        """Take a claim for known, and take the loads along the motion that it makes."""
+    def accept(self, claim: Claim) -> Claim:
+        """Take a claim for known, with the loads along the motion that it makes.
+
+        Returns:
+            The claim with its numbers on those loads.
+        """
         before = [self._evidence(k) for k in range(len(self.joints))]
+        prior = list(self.known)
         self.accepted.append(claim)
         for index, fit in claim.fits.items():
             self.known[index] = fit
         self.joints = self._altered(self.case)
-        if len(self.joints) > 1:
+        for _ in range(PASSES if len(self.joints) > 1 else 0):
             self.case = along(self.case, self.joints, self.known)
             self.joints = self._altered(self.case)
             self.known = mapped(self._again, range(len(self.joints)))
+            first, claim = claim, self._settled(claim, prior)
+            self.accepted[-1] = claim
+            if not claim.moved(first):
+                break
         for index, old in enumerate(before):
             moved = abs(self._evidence(index) - old) > CHANGED
             if moved or index in claim.fits:
                 self.found.pop(index, None)
+        return claim
+
+    def _settled(self, claim: Claim, prior: list[Fit]) -> Claim:
+        """A claim's numbers on the loads that it makes itself, and the fits with them.
+
+        Args:
+            claim: the newest of those that are accepted.
+            prior: what was known about each joint before it.
+        """
+        count, own = len(claim.own), claim.own
+        if not count:
+            return claim
+        if len(claim.fits) == 1 and claim.body is None:
+            fit = self.known[claim.where[0]]
+            return claim._replace(
+                own=fit.x[-count:], fits={claim.where[0]: fit},
+                covariance=uncertainty([fit], count),
+            )  # fmt: skip
+
+        def advanced(index: int, newest: Hypothesis, x: np.ndarray) -> Fit:
+            joint = self.joints[index]
+            first = fits.start(joint, [(combined(prior[index].hypothesis, newest), x)])
+            return fits.improve(joint, first, SETTLING)[0]
+
+        def turn(index: int) -> tuple[Fit, Fit]:
+            x = self.known[index].x
+            return (
+                advanced(index, claim.hypothesis, np.append(x, own)),
+                advanced(index, pinned(claim.hypothesis, own), x),
+            )
+
+        for _ in range(TURNS):
+            both = mapped(turn, claim.fits)
+            free = [pair[0] for pair in both]
+            for index, (_, fixed) in zip(claim.fits, both, strict=True):
+                self.known[index] = fixed
+            own = shared_value(free, count)
+            own = np.clip(own, claim.hypothesis.low, claim.hypothesis.high)
+        for index in claim.fits:
+            self.known[index] = turn(index)[1]
+        kept = {k: self.known[k] for k in claim.fits}
+        sure = uncertainty(free, count)
+        return claim._replace(own=own, fits=kept, covariance=sure)
 
     def fork(self) -> Judge:
         """A judge of the same that may accept another claim."""
@@ -159,7 +213,12 @@ class Judge:
         found = self._single() + lost
         if len(self.joints) > 1:
             found += self._shared(found) + self._bodies(found)
-        return sorted(found, key=lambda claim: -claim.gain)
+        return sorted(filter(self._possible, found), key=lambda claim: -claim.gain)
+
+    def _possible(self, claim: Claim) -> bool:
+        """Whether a claim is about all joints if its cause can only be."""
+        partly = len(claim.where) < len(self.joints)
+        return not (partly and claim.hypothesis.cause in WHOLE)
 
     def _misses(self, index: int, rate: float) -> bool:
         """Whether a joint is drawn less, and even its best explanation goes astray."""

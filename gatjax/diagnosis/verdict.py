@@ -70,8 +70,7 @@ def decide(judge: Judge) -> Verdict:
         cause = _weighed(judge, best, claims)
         if causes and cause.probability < LIKELY:
             break
-        causes.append(cause)
-        judge.accept(best)
+        causes.append(cause._replace(claim=judge.accept(best)))
         if len(causes) == judge.most:
             break
         count = len(judge.joints)

@@ -157,12 +157,11 @@ class StandingJudge(Judge):
         """Whether the whole robot within its tolerances may move a joint like that."""
         return bool(self.scene.known.level[index] < LOUD)
 
-    def accept(self, claim: Claim) -> None:
+    def accept(self, claim: Claim) -> Claim:
         """Take a claim for known, and weigh the loads of the robot that it makes."""
         self.scene = self.scene._replace(known=self._outcome(claim))
         if claim.stance is None:
-            super().accept(claim)
-            return
+            return super().accept(claim)
         self.accepted.append(claim)
         row = (claim.hypothesis.cause, [claim.stance.where], claim.stance.values)
         model = fields_applied(causes.extended(self.scene.world, [row]))
@@ -171,6 +170,11 @@ class StandingJudge(Judge):
         self.case = along(dataclasses.replace(self.case, base=base), [], [])
         self.joints = list(self.case.joints)
         self.known = mapped(self._again, range(len(self.joints)))
+        return claim
+
+    def _settled(self, claim: Claim, prior: list[Fit]) -> Claim:
+        """The whole robot has settled its size."""
+        return claim
 
 
 def _claim(found: FloorClaim) -> Claim:
