@@ -8,12 +8,14 @@ as logarithms.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
 from gatjax.diagnosis.hypotheses import Hypothesis, Numbers
 from gatjax.diagnosis.joint import GRAVITY, Joint
 from gatjax.diagnosis.loads import BODY_TERMS, TERMS, tilted
+from gatjax.diagnosis.tolerances import SHARES
 
 Scale = Callable[[Joint], float]
 
@@ -52,10 +54,22 @@ def _positive(
         drive[field] = size(joint, x) + (drive.get(field, 0.0) if added else 0.0)
 
     logs = tuple((float(np.log(start)),) for start in starts)
-    return Hypothesis(
+    plain = Hypothesis(
         cause, "", put, logs, (step,), (np.log(low),), (np.log(high),),
         lambda joint, x: {parameter: size(joint, x)},
     )  # fmt: skip
+    if field in ("delay", "late"):
+        return plain._replace(
+            imitator="delay", taken=lambda joint, x: np.log(joint.allowed.late * x)
+        )
+    if field not in SHARES:
+        return plain
+
+    def taken(joint: Joint, x: float) -> float:
+        grown = np.expm1(getattr(joint.allowed, field) * x)
+        return float(np.log(joint.nominal[field] * grown / scale(joint)))
+
+    return plain._replace(imitator=field, taken=taken)
 
 
 def _of(base: Hypothesis, variant: str, fixed: Numbers) -> Hypothesis:
@@ -105,8 +119,16 @@ def _factor(
 
     logs = tuple((float(np.log(start)),) for start in starts)
     return Hypothesis(
-        cause, "", put, logs, (0.03,), (np.log(low),), (np.log(high),), values
-    )
+        cause, "", put, logs, (0.03,), (np.log(low),), (np.log(high),), values,
+        imitator=field, taken=lambda joint, x: getattr(joint.allowed, field) * x,
+    )  # fmt: skip
+
+
+def _of_zero(field: str) -> dict[str, Any]:
+    """The imitator of an offset: what an encoder's zero may be off."""
+    if field not in ("zero_in", "zero_out"):
+        return {}
+    return {"imitator": field, "taken": lambda joint, x: joint.allowed.zero * x}
 
 
 def _signed(
@@ -125,6 +147,7 @@ def _signed(
     return Hypothesis(
         cause, variant, put, starts, (0.02 * size,), (-high,), (high,),
         lambda joint, x: {parameter: number(joint, x)} | (values or {}),
+        **_of_zero(field),
     )  # fmt: skip
 
 

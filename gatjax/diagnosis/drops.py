@@ -219,7 +219,7 @@ def _refined(
             start += rows
             kernel = answer(joint, fit.x, period)
             lost[run] = decode(
-                command, residual, lost[run], kernel, fits.spread(joint), odd
+                command, residual, lost[run], kernel, fits.LEFT * joint.noise, odd
             )
         now = with_commands(joint, commands, lost)
         fit = fits.improve(now, fits.start(now, [(owner, fit.x)]), 4)[0]

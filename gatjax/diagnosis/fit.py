@@ -21,7 +21,8 @@ from gatjax.diagnosis.hypotheses import (
 )
 from gatjax.diagnosis.joint import Joint
 
-INFLATION = 1.5  # of the reading noise: what the best model leaves besides
+INFLATION = 3.0  # of the reading noise: readings within CORRELATED count as one
+LEFT = 1.5  # times the reading noise, that the best model leaves
 CORRELATED = 0.1  # s after which residuals are taken as independent
 FLOOR = 0.9  # of the reading noise: no fit is better
 STEP = 0.15  # of a tolerance, for the finite differences
@@ -49,7 +50,7 @@ class Fit(NamedTuple):
 
 
 def spread(joint: Joint) -> float:
-    """Standard deviation that a right model leaves, rad."""
+    """Standard deviation by which a fit weighs residuals, rad."""
     return INFLATION * joint.noise
 
 

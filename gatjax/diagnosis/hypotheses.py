@@ -40,6 +40,26 @@ class Hypothesis(NamedTuple):
     geared: bool = False
     parts: tuple[Any, ...] = ()  # of a combination: the causes it is made of
     prior: tuple[float, ...] = ()  # information on the coordinates around 0
+    imitator: str = ""  # tolerance that can stand for a little of the cause
+    taken: Callable[[Joint, float], float] | None = None  # coordinate for all of it
+
+    def relieved(self, joint: Joint, x: np.ndarray) -> np.ndarray | None:
+        """Coordinates with the cause instead of its imitator; None if it stands not.
+
+        Args:
+            joint: in question.
+            x: [COUNT + ...] tolerances, and what is known besides.
+        """
+        if self.taken is None:
+            return None
+        index = TOLERANCES.index(self.imitator)
+        with np.errstate(all="ignore"):
+            own = self.taken(joint, float(x[index]))
+        if not np.isfinite(own):
+            return None
+        changed = x.copy()
+        changed[index] = 0.0
+        return np.append(changed, np.clip(own, self.low[0], self.high[0]))
 
     def weights(self) -> np.ndarray:
         """Prior information on the coordinates, [own]; 0 where there is none."""

@@ -44,6 +44,7 @@ class Judge:
     """Finds the claims that explain a case best, given what is explained already."""
 
     most = 3  # causes of a case
+    worth = WORTH  # nats that a first one needs
 
     def __init__(self, case: Case, tell: Callable[[str, float], None]) -> None:
         """Start from the tolerances."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from gatjax.diagnosis import extend
 from gatjax.diagnosis.claims import Claim
-from gatjax.diagnosis.fit import spread
+from gatjax.diagnosis.fit import LEFT
 from gatjax.diagnosis.hypotheses import COUNT, numbers
 from gatjax.diagnosis.unexplained import explore
 from gatjax.diagnosis.verdict import Cause, Verdict
@@ -121,7 +121,7 @@ def joint_rows(verdict: Verdict) -> list[dict[str, Any]]:
         nominal = judge.case.joints[joint.index].residual(
             [numbers(joint, None, np.zeros(COUNT))], False
         )
-        left = max(0.0, healthy.rms() ** 2 - spread(joint) ** 2)
+        left = max(0.0, healthy.rms() ** 2 - (LEFT * joint.noise) ** 2)
         rows.append(
             {
                 "name": joint.name,
@@ -180,7 +180,7 @@ def unexplained(verdict: Verdict) -> dict[str, Any]:
     judge = verdict.judge
     names = [judge.joints[k].name for k in verdict.unexplained]
     before = sum(fit.rms() ** 2 for fit in judge.case.healthy)
-    floor = sum(spread(joint) ** 2 for joint in judge.joints)
+    floor = sum((LEFT * joint.noise) ** 2 for joint in judge.joints)
     left = sum(fit.rms() ** 2 for fit in judge.known)
     share = max(0.0, left - floor) / max(before, floor)
     found: dict[str, Any] = {"depends_on": [], "term": None}

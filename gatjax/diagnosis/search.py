@@ -57,6 +57,8 @@ def scan(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
         options += [(owner, np.append(x, own)) for _, x, own in tries[:STARTS]]
         plain = np.square(base.residual[:, None] + shifts).sum(0)
         options.append((owner, np.append(base.x, starts[int(np.argmin(plain))])))
+        relieved = hypothesis.relieved(joint, base.x)
+        options += [] if relieved is None else [(owner, relieved)]
     found = fits.start(joint, options)
     return [_lent(fit, base) for fit in found]
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gatjax.diagnosis.claims import WORTH, Claim
+from gatjax.diagnosis.claims import LATER, Claim
 from gatjax.diagnosis.hypotheses import Hypothesis
 from gatjax.diagnosis.judge import Judge
 
@@ -88,11 +88,13 @@ def worth_naming(judge: Judge, claim: Claim) -> bool:
     What a large cause leaves at its joint, a small share of what it explained, is more
     likely its own law drawn too simply than a second cause.
     """
-    if claim.gain < WORTH:
+    if claim.gain < (LATER if judge.accepted else judge.worth):
         return False
     if len(claim.fits) > 1 and claim.stance is None and not _whole(judge, claim):
         return False  # one value at several joints has to suit them
     known = {k for accepted in judge.accepted for k in accepted.fits}
+    if set(claim.fits) <= known & set(judge.case.pulled):
+        return False  # what is drawn looks right to several laws
     again = [k for k in claim.fits if k in known and adequate(judge, k)]
     if len(again) == len(claim.fits) and explained(judge, claim) < SECOND_SHARE:
         return False
@@ -159,7 +161,7 @@ def _pair(judge: Judge, claims: list[Claim], law: Claim) -> Claim | None:
     """The first of two named causes that explain a joint better than an unnamed law."""
     named = [
         claim for claim in claims
-        if claim.hypothesis.cause and claim.gain > WORTH
+        if claim.hypothesis.cause and claim.gain > LATER
         and set(claim.where) & set(law.where)
     ][:2]  # fmt: skip
     for first in named:
@@ -168,7 +170,7 @@ def _pair(judge: Judge, claims: list[Claim], law: Claim) -> Claim | None:
         second = trial.claims()[0]
         both = first.gain + second.gain
         enough = explained(trial, second) > LEAST_SHARE
-        if second.hypothesis.cause and second.gain > WORTH and enough:
+        if second.hypothesis.cause and second.gain > LATER and enough:
             if law.hypothesis.cause or both > law.gain + MARGIN:
                 return first
     return None

@@ -16,7 +16,7 @@ from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import extend, search
 from gatjax.diagnosis.bank import CAUSES, OTHERS
 from gatjax.diagnosis.case import Case, along, mapped
-from gatjax.diagnosis.claims import PLACE, PRICE, Claim, Stance
+from gatjax.diagnosis.claims import LATER, PLACE, PRICE, Claim, Stance
 from gatjax.diagnosis.drops import ODDS, held
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.floor import causes, claims
@@ -44,6 +44,7 @@ class StandingJudge(Judge):
     """Finds what explains joints, inertial unit and feet together best."""
 
     most = 1
+    worth = LATER
 
     def __init__(
         self, case: Case, standing: Standing, tell: Callable[[str, float], None]
