@@ -5,6 +5,7 @@ import pytest
 from test_diagnosis_plant import joint, wave
 
 from gatjax.diagnosis import bank, drops, motion
+from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.claims import PRICE, occam, shared_value, uncertainty
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, combined, information, pinned
@@ -72,19 +73,34 @@ def test_gravity_of_a_tilted_mounting():
         assert turned[2] == pytest.approx(-9.81 * np.cos(0.3))
 
 
-def test_lost_targets_are_found_in_what_they_leave():
+@pytest.mark.parametrize("share", [0.03, 0.2, 0.5])
+def test_lost_targets_are_found_in_the_motion_without_them(share):
     rng = np.random.default_rng(3)
-    command = np.cumsum(rng.normal(0.0, 0.02, 400))
-    kernel = 0.25 * np.exp(-np.arange(30) / 4.0)
-    lost = np.zeros(400, bool)
-    lost[[50, 51, 120, 200, 201, 202, 310]] = True
-    change = drops.held(command, lost) - command
-    residual = np.convolve(change, kernel)[:400] + rng.normal(0.0, 5e-4, 400)
-    found = drops.decode(command, residual, np.zeros(400, bool), kernel, 1e-3)
-    missed, invented = np.sum(lost & ~found), np.sum(found & ~lost)
-    assert missed <= 1 and invented <= 1
-    quiet = rng.normal(0.0, 5e-4, 400)
-    assert not drops.decode(command, quiet, np.zeros(400, bool), kernel, 1e-3).any()
+    bare = joint(wave)
+    command = np.array([wave(t) for t in bare.time[0]])
+    lost = rng.uniform(size=len(command)) < share
+    lost[0] = False
+    held = drops.with_commands(bare, [command], [lost])
+    angle = held.simulate([{}], False)[..., 0] + rng.normal(0.0, 7e-4, (1, 250))
+    noisy = bare._replace(measured=angle)
+    known = fits.start(noisy, [(None, np.zeros(COUNT))])[0]
+    found = drops.find(noisy, known, [command])
+    assert known.rms() > 5.0 * noisy.noise and found.fit.rms() < 1.2 * noisy.noise
+    told = drops.statistics(found.lost, [command])
+    assert told["probability"] == pytest.approx(share, abs=0.1)
+    assert found.price == pytest.approx(drops.length(found.lost) / 10.0)
+
+
+def test_losses_of_a_motion_that_lost_nothing_are_not_worth_their_price():
+    rng = np.random.default_rng(3)
+    bare = joint(wave)
+    command = np.array([wave(t) for t in bare.time[0]])
+    angle = bare.simulate([{}], False)[..., 0] + rng.normal(0.0, 7e-4, (1, 250))
+    quiet = bare._replace(measured=angle)
+    known = fits.start(quiet, [(None, np.zeros(COUNT))])[0]
+    found = drops.find(quiet, known, [command])
+    gain = fits.evidence(quiet, found.fit) - fits.evidence(quiet, known)
+    assert gain < found.price
 
 
 def fit_of(value, information_of_it):
@@ -97,9 +113,9 @@ def fit_of(value, information_of_it):
 
 
 def test_joints_agree_on_a_value_by_their_information():
-    fits = [fit_of(1.0, 300.0), fit_of(2.0, 100.0)]
-    assert shared_value(fits, 1)[0] == pytest.approx(1.25, rel=1e-3)
-    alone, both = uncertainty(fits[:1], 1), uncertainty(fits, 1)
+    found = [fit_of(1.0, 300.0), fit_of(2.0, 100.0)]
+    assert shared_value(found, 1)[0] == pytest.approx(1.25, rel=1e-3)
+    alone, both = uncertainty(found[:1], 1), uncertainty(found, 1)
     assert both[0, 0] == pytest.approx(alone[0, 0] * 300.0 / 400.0)
 
 

@@ -111,8 +111,12 @@ def test_the_same_cause_may_act_twice():
 
 def test_rows_of_a_cause_at_other_joints_share_an_effect():
     """They act as apart: a delay and a loss of targets of their own for each joint."""
-    rows = [("command_delay", "LKneePitch", 0.02), ("command_delay", "RKneePitch", 0.04)]
-    rows += [("encoder_offset", "LKneePitch", 0.1), ("encoder_offset", "LHipRoll", 0.2)]
+    rows = [
+        ("command_delay", "LKneePitch", 0.02),
+        ("command_delay", "RKneePitch", 0.04),
+    ]
+    rows += [("encoder_offset", "LKneePitch", 0.1), ("encoder_offset", "LHipRoll", 0.2),
+    ]  # fmt: skip
     shared = apart = nominal(SHORT)
     for name, joint, value in rows:
         shared = add_cause(shared, name, [joint], value)

@@ -397,7 +397,7 @@ class Judge:
         noisy = [
             k for k, rms in enumerate(least)
             if rms > NOISY * self.joints[k].noise
-            and k not in self.case.pulled
+            and k not in self.case.pulled and not _geared(self.known[k])
             and not any(k in (claim.lost or {}) for claim in self.accepted)
         ]  # fmt: skip
 
@@ -424,3 +424,7 @@ class Judge:
             claim = Claim(drops.LOST, np.zeros(0), every, joined, gain)
             out.append(claim._replace(lost=lost))
         return out
+
+
+def _geared(fit: Fit) -> bool:
+    return fit.hypothesis is not None and fit.hypothesis.geared

@@ -161,8 +161,8 @@ def add_cause(
             continue
         key = _sharing(world, slot, row)
         if key:  # an effect of the cause acts at other joints already
-            old, here = getattr(world.values, slot)[key], np.isin(names, where)
-            params = jax.tree.map(lambda new, was: np.where(here, new, was), params, old)
+            old = getattr(world.values, slot)[key]
+            params = _placed(params, old, np.isin(names, where))
         key = key or f"{name}_{len(world.causes)}"
         if part.build is not None and key not in getattr(world, slot):
             period = world.model.opt.timestep
@@ -176,6 +176,11 @@ def add_cause(
         **added,
     )
     return _refreshed(world, {part.slot for part in parts})
+
+
+def _placed(params: Any, old: Any, here: np.ndarray) -> Any:
+    """Params of a cause: the new ones `here` [J], the old ones elsewhere."""
+    return jax.tree.map(lambda new, was: np.where(here, new, was), params, old)
 
 
 def _sharing(world: World, slot: str, row: dict) -> str | None:
