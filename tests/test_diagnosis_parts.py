@@ -97,7 +97,7 @@ def test_losses_of_a_motion_that_lost_nothing_are_not_worth_their_price():
     command = np.array([wave(t) for t in bare.time[0]])
     angle = bare.simulate([{}], False)[..., 0] + rng.normal(0.0, 7e-4, (1, 250))
     quiet = bare._replace(measured=angle)
-    known = fits.start(quiet, [(None, np.zeros(COUNT))])[0]
+    known = fits.improve(quiet, fits.start(quiet, [(None, np.zeros(COUNT))]), 6)[0]
     found = drops.find(quiet, known, [command])
     gain = fits.evidence(quiet, found.fit) - fits.evidence(quiet, known)
     assert gain < found.price
