@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from test_diagnosis_plant import joint, wave
 
-from gatjax.diagnosis import bank, drops, motion
+from gatjax.diagnosis import bank, drops, motion, quantum
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.claims import PRICE, occam, shared_value, uncertainty
 from gatjax.diagnosis.fit import Fit
@@ -89,6 +89,14 @@ def test_lost_targets_are_found_in_the_motion_without_them(share):
     told = drops.statistics(found.lost, [command])
     assert told["probability"] == pytest.approx(share, abs=0.1)
     assert found.price == pytest.approx(drops.length(found.lost) / 10.0)
+
+
+def test_the_step_of_a_rounded_target_is_read_from_what_it_leaves():
+    bare, rng = joint(wave), np.random.default_rng(3)
+    angle = bare.simulate([{"quantum": 0.0371}], False)[..., 0]
+    noisy = bare._replace(measured=angle + rng.normal(0.0, 7e-4, (1, 250)))
+    left = fits.residuals(noisy, [(None, np.zeros(COUNT))])[:, 0]
+    assert quantum.steps(noisy, left)[0] == pytest.approx(0.0371, rel=2e-3)
 
 
 def test_losses_of_a_motion_that_lost_nothing_are_not_worth_their_price():

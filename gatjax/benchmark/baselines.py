@@ -82,10 +82,15 @@ def everywhere(cause: str) -> bool:
     return CATALOGUE[cause].place == "all"
 
 
+def _begins(joint: Joint) -> list[list[np.ndarray]]:
+    """Where each cause starts at a joint."""
+    rest = fits.residuals(joint, [(None, np.zeros(COUNT))])[:, 0]
+    return [[np.array(s) for s in h.begins(joint, rest)] for h in CAUSES]
+
+
 def weighed(given: Problem) -> list[Found]:
     """Fit every cause of the catalogue at each joint, and with one value at all."""
-    starts = [[np.array(s) for s in h.starts] for h in CAUSES]
-    single = [solved([joint], CAUSES, starts, ROUNDS) for joint in given.fit]
+    single = [solved([joint], CAUSES, _begins(joint), ROUNDS) for joint in given.fit]
     out = [
         Found(each, (index,))
         for index, row in enumerate(single)

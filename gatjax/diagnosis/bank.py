@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from gatjax.diagnosis import quantum
 from gatjax.diagnosis.hypotheses import Hypothesis, Numbers
 from gatjax.diagnosis.joint import GRAVITY, Joint
 from gatjax.diagnosis.loads import BODY_TERMS, TERMS, tilted
@@ -287,6 +288,11 @@ def _wave(
     )  # fmt: skip
 
 
+def _steps(joint: Joint, residual: np.ndarray) -> tuple[tuple[float, ...], ...]:
+    """Steps of the target that a residual tells of."""
+    return tuple((float(np.log(step)),) for step in quantum.steps(joint, residual))
+
+
 def _spring() -> Hypothesis:
     def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
         drive["spring"] = _gain(joint) * float(x[0])
@@ -303,7 +309,7 @@ ARM = 0.08  # m, how far from the centre of mass a payload is expected
 _SPEEDS = (0.5, 0.8, 1.2, 1.8, 2.7, 4.0, 6.0, 9.0)  # rad/s
 _BANDS = tuple(np.geomspace(0.003, 0.08, 10))  # rad
 _SHARES = tuple(np.geomspace(0.05, 0.85, 16))  # of a limit
-_QUANTA = tuple(np.geomspace(0.004, 0.25, 170))
+_QUANTA = tuple(np.geomspace(0.004, 0.25, 12))
 _CYCLES = tuple(np.geomspace(5.5, 40.0, 16))
 _FREQUENCIES = tuple(2.0 * np.pi * np.geomspace(0.1, 8.0, 26))
 _LOAD = _positive("load_friction", "coefficient", "loaded", 0.02, 3.0, (0.1, 0.3, 0.8))
@@ -342,8 +348,9 @@ CAUSES: tuple[Hypothesis, ...] = (
     _geared(_WIDTH, "motor"),
     _positive("dead_band", "half_width", "dead", 0.002, 0.2, _BANDS),
     _positive(
-        "command_quantization", "step", "quantum", 0.003, 0.3, _QUANTA, step=0.004
-    ),
+        "command_quantization", "step", "quantum", quantum.LEAST, quantum.MOST, _QUANTA,
+        step=0.004,
+    )._replace(guess=_steps, rung=0.001),
     _geared(_SPRING, "link"),
     _geared(_SPRING, "motor"),
     _wave("torque_ripple", "", ("ripple_sin", "ripple_cos", "cycles"), _CYCLES),

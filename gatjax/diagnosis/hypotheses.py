@@ -17,6 +17,7 @@ from gatjax.diagnosis.tolerances import SHARES
 
 Numbers = dict[str, float]
 Put = Callable[[Numbers, Joint, np.ndarray], None]
+Starts = tuple[tuple[float, ...], ...]
 
 TOLERANCES = (
     *SHARES, "zero_in", "zero_out", "delay", "stiction",
@@ -32,7 +33,7 @@ class Hypothesis(NamedTuple):
     cause: str  # name in the catalogue, or "" for a law that it lacks
     variant: str
     put: Put
-    starts: tuple[tuple[float, ...], ...]
+    starts: Starts
     steps: tuple[float, ...]  # of the finite differences
     low: tuple[float, ...]
     high: tuple[float, ...]
@@ -40,8 +41,15 @@ class Hypothesis(NamedTuple):
     geared: bool = False
     parts: tuple[Any, ...] = ()  # of a combination: the causes it is made of
     prior: tuple[float, ...] = ()  # information on the coordinates around 0
+    rung: float = 0.0  # distance of starts, where slopes tell nothing: zoomed in on
+    guess: Callable[[Joint, np.ndarray], Starts] | None = None  # from the residual [n]
     imitator: str = ""  # tolerance that can stand for a little of the cause
     taken: Callable[[Joint, float], float] | None = None  # coordinate for all of it
+
+    def begins(self, joint: Joint, residual: np.ndarray) -> Starts:
+        """Where to start beside what leaves a residual [n]."""
+        more = () if self.guess is None else self.guess(joint, residual)
+        return (*self.starts, *more)
 
     def relieved(self, joint: Joint, x: np.ndarray) -> np.ndarray | None:
         """Coordinates with the cause instead of its imitator; None if it stands not.

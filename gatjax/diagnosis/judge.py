@@ -190,10 +190,11 @@ class Judge:
         return False
 
     def _bearing(self, index: int, claim: Claim) -> Joint:
-        """A joint of the case as a claim sees it."""
-        if claim.body is None:
-            return self.case.joints[index]
-        return self.case.carrying(index, claim.body)
+        """A joint of the case as a claim sees it, not drawn to what was measured."""
+        joint = self.case.joints[index]
+        if claim.body is not None:
+            joint = self.case.carrying(index, claim.body)
+        return joint._replace(nominal=joint.nominal | {"pull": 0.0})
 
     def claims(self) -> list[Claim]:
         """All claims worth a look, best first."""
@@ -262,14 +263,14 @@ class Judge:
     ) -> list[Fit]:
         """A joint's own best value of each of some causes."""
         known = self.known[index]
+        begins = [h.begins(joint, known.residual) for h in hypotheses]
         points = [
             (combined(known.hypothesis, h), np.append(known.x, s))
-            for h in hypotheses for s in h.starts
+            for h, some in zip(hypotheses, begins, strict=True) for s in some
         ]  # fmt: skip
         first, out = fits.start(joint, points), []
-        for hypothesis in hypotheses:
-            count = len(hypothesis.starts)
-            mine, first = first[:count], first[count:]
+        for some in begins:
+            mine, first = first[: len(some)], first[len(some) :]
             out.append(min(mine, key=lambda fit: fit.cost))
         return fits.improve(joint, out, rounds)
 

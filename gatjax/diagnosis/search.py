@@ -19,6 +19,7 @@ PROMISING = 2.0  # nats: less is nothing
 SHAKEN, TRIES = 2, 96  # fits that are restarted, and from how many neighbours
 FEW = 20  # starts at most of a cause that tolerances may imitate
 ROUGH = 1.6  # times the noise: a fit that leaves more may be in a bad place
+ZOOMS, RUNGS = 3, 31  # rounds of zooming in, and points of each
 CALM, SPARE = 1.35, 18.0  # times the noise; squared deviations of all tolerances
 
 
@@ -36,15 +37,15 @@ def scan(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
     """
     base = fits.linearised(joint, [base])[0]
     owners = [combined(base.hypothesis, h) for h in bank]
+    begins = [np.array(h.begins(joint, base.residual)) for h in bank]
     points = [
         (owner, np.append(base.x, s))
-        for owner, h in zip(owners, bank, strict=True)
-        for s in h.starts
+        for owner, some in zip(owners, begins, strict=True)
+        for s in some
     ]
     found = fits.residuals(joint, points)
     options, first = [], 0
-    for owner, hypothesis in zip(owners, bank, strict=True):
-        starts = np.array(hypothesis.starts)
+    for owner, hypothesis, starts in zip(owners, bank, begins, strict=True):
         shifts = found[:, first : first + len(starts)] - base.residual[:, None]
         first += len(starts)
         if _is_sine(hypothesis):
@@ -59,8 +60,20 @@ def scan(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
         options.append((owner, np.append(base.x, starts[int(np.argmin(plain))])))
         relieved = hypothesis.relieved(joint, base.x)
         options += [] if relieved is None else [(owner, relieved)]
-    found = fits.start(joint, options)
+    found = [_zoomed(joint, fit) for fit in fits.start(joint, options)]
     return [_lent(fit, base) for fit in found]
+
+
+def _zoomed(joint: Joint, fit: Fit) -> Fit:
+    """A start of a law with steps at the best point between it and its neighbours."""
+    assert fit.hypothesis is not None
+    width = (fit.hypothesis.parts or (fit.hypothesis,))[-1].rung
+    for _ in range(ZOOMS if width else 0):
+        ladder = fit.x[-1] + width * np.linspace(-1.0, 1.0, RUNGS)
+        points = [(fit.hypothesis, np.append(fit.x[:-1], own)) for own in ladder]
+        fit = min([fit, *fits.start(joint, points)], key=lambda one: one.cost)
+        width *= 4.0 / (RUNGS - 1)
+    return fit
 
 
 def _lent(fit: Fit, base: Fit) -> Fit:

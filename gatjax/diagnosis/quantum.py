@@ -1,0 +1,59 @@
+"""Which step of the target could explain a residual, to first order.
+
+The edges of a rounded target move with its step: a step that is off by a thousandth
+already rounds some commands otherwise. Far too many to simulate, but what rounding does
+to a target is known, and what that does to a linear servo is a convolution.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+
+from gatjax.diagnosis.joint import STEP, Joint
+
+LEAST, MOST, COUNT = 0.003, 0.3, 6000  # rad; steps that are tried
+MEMORY = 0.35  # s that the answer to one tick lasts
+CHOSEN = 3
+APART = 0.005  # relative distance of the chosen ones
+
+
+def steps(joint: Joint, residual: np.ndarray) -> list[float]:
+    """Steps in rad that explain a residual [n] best, best first."""
+    ladder = np.geomspace(LEAST, MOST, COUNT)
+    left, first = np.zeros(COUNT), 0
+    for run, valid in enumerate(joint.valid):
+        rows = int(valid.sum())
+        time = joint.time[run, :rows]
+        at = joint.lead + np.ceil(time / STEP + 1e-6).astype(int)
+        series = np.asarray(joint.grid.target)[:, run]
+        command = series[np.minimum(at, len(series) - 1)].astype(float)
+        rounded = np.round(command / ladder[:, None]) * ladder[:, None] - command
+        kernel = _answer(joint, float(np.median(np.diff(time))))
+        size = 2 ** int(np.ceil(np.log2(rows + len(kernel))))
+        moved = np.fft.irfft(np.fft.rfft(rounded, size) * np.fft.rfft(kernel, size))
+        rest = residual[first : first + rows] - moved[:, :rows]
+        left += np.square(rest).sum(1)
+        first += rows
+    chosen: list[float] = []
+    for step in ladder[np.argsort(left)]:
+        if all(abs(np.log(step / other)) > APART for other in chosen):
+            chosen.append(float(step))
+        if len(chosen) == CHOSEN:
+            break
+    return chosen
+
+
+def _answer(joint: Joint, period: float) -> np.ndarray:
+    """What one tick of 1 rad does to a linear servo, at the next ticks, rad."""
+    drive = joint.nominal
+    inertia = float(jnp.mean(joint.grid.inertia)) + drive["armature"]
+    resist, pull = drive["kv"] + drive["damping"], drive.get("pull", 0.0)
+    h, q, v, out = STEP, 0.0, 0.0, []
+    for k in range(round(MEMORY / h)):
+        pulse = drive["delay"] <= k * h < drive["delay"] + period
+        force = drive["kp"] * (pulse - q)
+        v = (inertia * v + h * force) / (inertia + h * (resist + h * drive["kp"]))
+        q += h * (v - pull * q)
+        out.append(q)
+    return np.interp(np.arange(0.0, MEMORY, period), np.arange(len(out)) * h, out)
