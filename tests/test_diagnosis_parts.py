@@ -93,6 +93,8 @@ def test_lost_targets_are_found_in_the_motion_without_them(share):
 
 def test_the_step_of_a_rounded_target_is_read_from_what_it_leaves():
     bare, rng = joint(wave), np.random.default_rng(3)
+    command = np.array([wave(t) for t in bare.time[0]])
+    bare = drops.with_commands(bare, [command], [np.zeros(len(command), bool)])
     angle = bare.simulate([{"quantum": 0.0371}], False)[..., 0]
     noisy = bare._replace(measured=angle + rng.normal(0.0, 7e-4, (1, 250)))
     left = fits.residuals(noisy, [(None, np.zeros(COUNT))])[:, 0]

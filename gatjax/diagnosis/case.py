@@ -224,7 +224,7 @@ def pulled(case: Case, drawn: dict[int, float]) -> Case:
         case: to change.
         drawn: how strongly each joint is drawn, 1/s; those that it lacks stay as is.
     """
-    rates = case.pulled | drawn
+    rates = {k: rate for k, rate in (case.pulled | drawn).items() if rate > 0.0}
     ready = [
         joint._replace(nominal=joint.nominal | {"pull": rates.get(joint.index, 0.0)})
         for joint in case.joints

@@ -31,12 +31,13 @@ from gatjax.diagnosis.joint import Joint
 
 NOISY = 1.7  # times the noise that the best cause leaves: commands may be lost
 ASTRAY = 3.5  # times the noise that the best explanation leaves: look again
+STRAYING = 0.3  # of the residual before, that it leaves at least
 DECODED = 1.8  # times the noise at most, that decoded losses leave
 MOST = 4  # shared causes that are looked into
 BODIES = 2  # bodies that are looked into closely
 CHANGED = 3.0  # nats: a joint whose evidence changed less keeps its fits
-TURNS, SETTLING = 3, 3  # rounds in which joints settle on a value; iterations of each
-PASSES = 3  # over the loads that a new claim makes, at most
+SETTLING = 3  # iterations in which joints settle on a value
+PASSES = 6  # over the loads that a new claim makes, at most
 RIVAL = 0.4  # of the best gain at a joint: a body cause must come that near
 
 
@@ -62,32 +63,59 @@ class Judge:
             The claim with its numbers on those loads.
         """
         before = [self._evidence(k) for k in range(len(self.joints))]
-        prior = list(self.known)
+        prior, drawn = list(self.known), self.case.pulled
         self.accepted.append(claim)
         for index, fit in claim.fits.items():
             self.known[index] = fit
-        self.joints = self._altered(self.case)
-        for _ in range(PASSES if len(self.joints) > 1 else 0):
-            self.case = along(self.case, self.joints, self.known)
-            self.joints = self._altered(self.case)
-            self.known = mapped(self._again, range(len(self.joints)))
-            first, claim = claim, self._settled(claim, prior)
-            self.accepted[-1] = claim
-            if not claim.moved(first):
-                break
+        self._draw(dict.fromkeys(set(drawn) & set(claim.fits), 0.0))
+        claim = self._settled(claim, prior)
+        astray = {
+            k: rate for k, rate in drawn.items()
+            if k in claim.fits and not rate == self.case.pulled.get(k)
+            and self.known[k].rms() > ASTRAY * self.joints[k].noise
+        }  # fmt: skip
+        if astray:
+            self._draw(astray)
+            claim = self._settled(claim, prior)
         for index, old in enumerate(before):
             moved = abs(self._evidence(index) - old) > CHANGED
             if moved or index in claim.fits:
                 self.found.pop(index, None)
         return claim
 
+    def _draw(self, rates: dict[int, float]) -> None:
+        """Draw joints to their measured motion at other rates, 1/s; 0: not at all."""
+        self.case = cases.pulled(self.case, rates)
+        healthy = list(self.case.healthy)
+        for k in rates:
+            healthy[k] = search.healthy(self.case.joints[k], healthy[k].x)
+        self.case = dataclasses.replace(self.case, healthy=healthy)
+        self.joints = self._altered(self.case)
+        for index, fit in zip(rates, mapped(self._again, rates), strict=True):
+            self.known[index] = fit
+
     def _settled(self, claim: Claim, prior: list[Fit]) -> Claim:
-        """A claim's numbers on the loads that it makes itself, and the fits with them.
+        """The newest claim on the loads of the motion that it makes.
 
         Args:
-            claim: the newest of those that are accepted.
+            claim: to settle, accepted already.
             prior: what was known about each joint before it.
         """
+        every = range(len(self.joints))
+        for _ in range(PASSES if len(self.joints) > 1 else 0):
+            total = sum(map(self._evidence, every))
+            self.case = along(self.case, self.joints, self.known)
+            self.joints = self._altered(self.case)
+            self.known = mapped(self._again, every)
+            first, claim = claim, self._agreed(claim, prior)
+            self.accepted[-1] = claim
+            better = sum(map(self._evidence, every)) - total
+            if better < CHANGED and not claim.moved(first):
+                break
+        return claim
+
+    def _agreed(self, claim: Claim, prior: list[Fit]) -> Claim:
+        """A claim at the value that its joints agree on now."""
         count, own = len(claim.own), claim.own
         if not count:
             return claim
@@ -98,29 +126,20 @@ class Judge:
                 covariance=uncertainty([fit], count),
             )  # fmt: skip
 
-        def advanced(index: int, newest: Hypothesis, x: np.ndarray) -> Fit:
-            joint = self.joints[index]
-            first = fits.start(joint, [(combined(prior[index].hypothesis, newest), x)])
-            return fits.improve(joint, first, SETTLING)[0]
+        def free(index: int) -> Fit:
+            joint, x = self.joints[index], np.append(self.known[index].x, own)
+            owner = combined(prior[index].hypothesis, claim.hypothesis)
+            return fits.improve(joint, fits.start(joint, [(owner, x)]), SETTLING)[0]
 
-        def turn(index: int) -> tuple[Fit, Fit]:
-            x = self.known[index].x
-            return (
-                advanced(index, claim.hypothesis, np.append(x, own)),
-                advanced(index, pinned(claim.hypothesis, own), x),
-            )
-
-        for _ in range(TURNS):
-            both = mapped(turn, claim.fits)
-            free = [pair[0] for pair in both]
-            for index, (_, fixed) in zip(claim.fits, both, strict=True):
-                self.known[index] = fixed
-            own = shared_value(free, count)
-            own = np.clip(own, claim.hypothesis.low, claim.hypothesis.high)
-        for index in claim.fits:
-            self.known[index] = turn(index)[1]
+        found = mapped(free, claim.fits)
+        own = shared_value(found, count)
+        own = np.clip(own, claim.hypothesis.low, claim.hypothesis.high)
+        sure = uncertainty(found, count)
+        for index, fit in zip(claim.fits, found, strict=True):
+            owner = combined(prior[index].hypothesis, pinned(claim.hypothesis, own))
+            point = owner, fit.x[:-count]
+            self.known[index] = fits.start(self.joints[index], [point])[0]
         kept = {k: self.known[k] for k in claim.fits}
-        sure = uncertainty(free, count)
         return claim._replace(own=own, fits=kept, covariance=sure)
 
     def fork(self) -> Judge:
@@ -224,20 +243,14 @@ class Judge:
 
     def _misses(self, index: int, rate: float) -> bool:
         """Whether a joint is drawn less, and even its best explanation goes astray."""
-        best = min(fit.rms() for fit in [self.known[index], *self.found[index]])
-        astray = best > ASTRAY * self.joints[index].noise
+        known = self.known[index].rms()
+        best = min(known, *(fit.rms() for fit in self.found[index]))
+        astray = best > max(ASTRAY * self.joints[index].noise, STRAYING * known)
         return astray and self.case.pulled.get(index, 0.0) < rate
 
     def _pull(self, joints: list[int], rate: float) -> None:
         """Look at joints again, drawn to their measured motion at a rate in 1/s."""
-        self.case = cases.pulled(self.case, dict.fromkeys(joints, rate))
-        healthy = list(self.case.healthy)
-        for k in joints:
-            healthy[k] = search.healthy(self.case.joints[k], healthy[k].x)
-        self.case = dataclasses.replace(self.case, healthy=healthy)
-        self.joints = self._altered(self.case)
-        for index, fit in zip(joints, mapped(self._again, joints), strict=True):
-            self.known[index] = fit
+        self._draw(dict.fromkeys(joints, rate))
         self.found |= dict(zip(joints, mapped(self.explained, joints), strict=True))
 
     def explained(self, index: int) -> list[Fit]:
@@ -279,10 +292,15 @@ class Judge:
     ) -> list[Fit]:
         """A joint's fits with given values of causes."""
         known = self.known[index]
+        plain = np.append(np.zeros(COUNT), known.x[COUNT:])  # imitates nothing
         points = [
-            (combined(known.hypothesis, pinned(h, own)), known.x) for h, own in values
-        ]
-        return fits.improve(joint, fits.start(joint, points), 6)
+            (combined(known.hypothesis, pinned(h, own)), x)
+            for h, own in values for x in (known.x, plain)
+        ]  # fmt: skip
+        first = fits.start(joint, points)
+        pairs = zip(first[::2], first[1::2], strict=True)
+        best = [min(pair, key=lambda fit: fit.cost) for pair in pairs]
+        return fits.improve(joint, best, 6)
 
     def _shared(self, single: list[Claim]) -> list[Claim]:
         """Claims about groups of joints with one value."""

@@ -17,7 +17,8 @@ CLOSE = 3.0  # nats: two causes that the data cannot tell apart
 MARGIN = 10.0  # nats by which two named causes must beat an unnamed law
 TOLERABLE = 2.2  # times the reading noise: an explanation may leave that much
 LEAST_SHARE = 0.4  # of the misfit power at its joints that a cause has to explain
-VISIBLE = 0.5  # times the scatter from tolerances: a smaller change is not a cause
+SEEN = 0.3  # times the scatter from tolerances: a smaller change is not a cause
+VISIBLE = 0.5  # the same beside another cause
 SECOND_SHARE = 0.8  # the same where a joint is explained already, but for a little
 EXPECTED = 1.3  # misfit power of a right model, in squares of the reading noise
 SPENT = 9.0  # squared deviations: tolerances that imitate a cause instead of a misfit
@@ -98,7 +99,7 @@ def worth_naming(judge: Judge, claim: Claim) -> bool:
     again = [k for k in claim.fits if k in known and adequate(judge, k)]
     if len(again) == len(claim.fits) and explained(judge, claim) < SECOND_SHARE:
         return False
-    return judge.visibility(claim) > VISIBLE
+    return judge.visibility(claim) > (VISIBLE if judge.accepted else SEEN)
 
 
 def _whole(judge: Judge, claim: Claim) -> bool:
