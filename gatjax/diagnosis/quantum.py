@@ -23,8 +23,9 @@ def steps(joint: Joint, residual: np.ndarray) -> list[float]:
     ladder = np.geomspace(LEAST, MOST, COUNT)
     left, first = np.zeros(COUNT), 0
     for run, valid in enumerate(joint.valid):
-        rows = int(valid.sum())
-        time = joint.time[run, :rows]
+        rows, time = int(valid.sum()), joint.time[run][valid]
+        if rows < 2:
+            continue
         at = joint.lead + np.ceil(time / STEP + 1e-6).astype(int)
         series = np.asarray(joint.grid.target)[:, run]
         command = series[np.minimum(at, len(series) - 1)].astype(float)
