@@ -97,7 +97,10 @@ class StandingJudge(Judge):
             best = max(tried, key=lambda size: tried[size].evidence)
             if best == 1.0:
                 break
-            other = self._replayed(claim._replace(own=self._resized(claim, best)))
+            far = self._resized(claim, best)
+            tries = [far, 0.5 * (far + claim.own)]  # it may be less than linear
+            others = [self._replayed(claim._replace(own=own)) for own in tries]
+            other = max(others, key=lambda one: one.gain)
             if other.gain <= claim.gain:
                 break
             claim = other
