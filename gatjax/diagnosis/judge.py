@@ -103,14 +103,17 @@ class Judge:
         """
         every = range(len(self.joints))
         for _ in range(PASSES if len(self.joints) > 1 else 0):
+            old = claim, self.case, self.joints, self.known
             total = sum(map(self._evidence, every))
             self.case = along(self.case, self.joints, self.known)
             self.joints = self._altered(self.case)
             self.known = mapped(self._again, every)
-            first, claim = claim, self._agreed(claim, prior)
-            self.accepted[-1] = claim
+            claim = self._agreed(claim, prior)
             better = sum(map(self._evidence, every)) - total
-            if better < CHANGED and not claim.moved(first):
+            if better < -CHANGED:
+                claim, self.case, self.joints, self.known = old
+            self.accepted[-1] = claim
+            if better < CHANGED and not claim.moved(old[0]):
                 break
         return claim
 
@@ -135,10 +138,15 @@ class Judge:
         own = shared_value(found, count)
         own = np.clip(own, claim.hypothesis.low, claim.hypothesis.high)
         sure = uncertainty(found, count)
-        for index, fit in zip(claim.fits, found, strict=True):
+
+        def fixed(index: int, x: np.ndarray) -> Fit:
+            joint = self.joints[index]
             owner = combined(prior[index].hypothesis, pinned(claim.hypothesis, own))
-            point = owner, fit.x[:-count]
-            self.known[index] = fits.start(self.joints[index], [point])[0]
+            first = fits.start(joint, [(owner, x[:-count])])
+            return fits.improve(joint, first, SETTLING)[0]
+
+        for index, fit in zip(claim.fits, found, strict=True):
+            self.known[index] = fixed(index, fit.x)
         kept = {k: self.known[k] for k in claim.fits}
         return claim._replace(own=own, fits=kept, covariance=sure)
 
