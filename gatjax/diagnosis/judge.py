@@ -32,7 +32,7 @@ from gatjax.diagnosis.joint import Joint
 NOISY = 1.7  # times the noise that the best cause leaves: commands may be lost
 ASTRAY = 3.5  # times the noise that the best explanation leaves: look again
 STRAYING = 0.3  # of the residual before, that it leaves at least
-DECODED = 1.8  # times the noise at most, that decoded losses leave
+DECODED = 2.5  # times the noise at most, that decoded losses leave
 MOST = 4  # shared causes that are looked into
 BODIES = 2  # bodies that are looked into closely
 CHANGED = 3.0  # nats: a joint whose evidence changed less keeps its fits
@@ -54,6 +54,7 @@ class Judge:
         self.joints: list[Joint] = list(case.joints)
         self.known: list[Fit] = list(case.healthy)
         self.found: dict[int, list[Fit]] = {}
+        self.losses: dict[int, Claim | None] = {}
         self.accepted: list[Claim] = []
 
     def accept(self, claim: Claim) -> Claim:
@@ -155,6 +156,7 @@ class Judge:
         other = copy.copy(self)
         other.joints, other.known = list(self.joints), list(self.known)
         other.accepted, other.found = list(self.accepted), dict(self.found)
+        other.losses = dict(self.losses)
         return other
 
     def _evidence(self, index: int) -> float:
@@ -234,7 +236,7 @@ class Judge:
             return fit
 
         self.found |= dict(zip(missing, mapped(one, missing), strict=True))
-        lost = self._lost()
+        lost = self._lost(missing)
         solved = {k for claim in lost for k in claim.fits}
         for rate in cases.PULLS:
             astray = [k for k in missing if self._misses(k, rate) and k not in solved]
@@ -415,30 +417,22 @@ class Judge:
 
         return max(gains), make
 
-    def _lost(self) -> list[Claim]:
-        """Claims that commands got lost on the way to a joint, or to all."""
-        least = [
-            min([fit.rms(), *(other.rms() for other in self.found[k])])
-            for k, fit in enumerate(self.known)
-        ]
+    def _lost(self, missing: list[int]) -> list[Claim]:
+        """Claims that commands got lost on the way to a joint, or to all.
+
+        Args:
+            missing: joints that changed since losses were looked for.
+        """
         noisy = [
-            k for k, rms in enumerate(least)
-            if rms > NOISY * self.joints[k].noise
-            and k not in self.case.pulled and not _geared(self.known[k])
+            k for k in missing
+            if min(fit.rms() for fit in [self.known[k], *self.found[k]])
+            > NOISY * self.joints[k].noise
+            and not _geared(self.known[k])
             and not any(k in (claim.lost or {}) for claim in self.accepted)
         ]  # fmt: skip
-
-        def one(index: int) -> drops.Losses:
-            commands = self.case.commands(index)
-            return drops.find(self.joints[index], self.known[index], commands)
-
-        out = []
-        for index, loss in zip(noisy, mapped(one, noisy), strict=True):
-            if loss.fit.rms() > DECODED * self.joints[index].noise:
-                continue
-            gain = self.score(index, loss.fit, loss.joint) - loss.price - PLACE
-            claim = Claim(drops.LOST, np.zeros(0), (index,), {index: loss.fit}, gain)
-            out.append(claim._replace(lost={index: loss.lost}))
+        self.losses = {k: v for k, v in self.losses.items() if k not in missing}
+        self.losses |= dict(zip(noisy, mapped(self._decoded, noisy), strict=True))
+        out = [claim for claim in self.losses.values() if claim is not None]
         good = [claim for claim in out if claim.gain > WORTH]
         if len(good) > 0.6 * len(self.joints) and len(self.joints) > 1:
             joined: dict[int, Fit] = {}
@@ -451,6 +445,21 @@ class Judge:
             claim = Claim(drops.LOST, np.zeros(0), every, joined, gain)
             out.append(claim._replace(lost=lost))
         return out
+
+    def _decoded(self, index: int) -> Claim | None:
+        """A claim that a joint lost commands, not drawn to what was measured."""
+        joint, known = self.joints[index], self.known[index]
+        if index in self.case.pulled:
+            joint = joint._replace(nominal=joint.nominal | {"pull": 0.0})
+            first = fits.start(joint, [(known.hypothesis, known.x)])
+            known = fits.improve(joint, first, 6)[0]
+        loss = drops.find(joint, known, self.case.commands(index))
+        if loss.fit.rms() > DECODED * joint.noise:
+            return None
+        gain = fits.evidence(loss.joint, loss.fit) - fits.evidence(joint, known)
+        gain -= loss.price + PLACE
+        claim = Claim(drops.LOST, np.zeros(0), (index,), {index: loss.fit}, gain)
+        return claim._replace(lost={index: loss.lost})
 
 
 def _geared(fit: Fit) -> bool:
