@@ -64,7 +64,17 @@ def _top_speed(
 ) -> Specimen:
     if more["law"] == "target":
         return field("target_speed", put)(specimen, robot, joints, value, more)
-    return extra("motor_line", "limit")(specimen, robot, joints, value, {})
+    ends = _torque_ends(robot, joints[0], value)
+    return extra("motor_line", "limit")(specimen, robot, joints, ends, {})
+
+
+def _torque_ends(robot: Robot, joint: int, top: float) -> float:
+    """Speed at which a motor has no torque left, for a top speed against friction."""
+    slot, model = robot.velocity[joint], robot.model
+    stall = float(model.actuator_forcerange[joint, 1])
+    spare = stall - float(model.dof_frictionloss[slot])
+    braking = spare / top - float(model.dof_damping[slot])
+    return stall / max(braking, 1e-3 * stall)
 
 
 def _stiffness(robot: Robot, joints: list[int], rng: np.random.Generator) -> tuple:
