@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from gatjax.diagnosis import quantum
-from gatjax.diagnosis.hypotheses import Hypothesis, Numbers
+from gatjax.diagnosis.hypotheses import Hypothesis, Numbers, Starts
 from gatjax.diagnosis.joint import GRAVITY, Joint
 from gatjax.diagnosis.loads import BODY_TERMS, TERMS, tilted
 from gatjax.diagnosis.tolerances import SHARES
@@ -288,7 +288,7 @@ def _wave(
     )  # fmt: skip
 
 
-def _steps(joint: Joint, residual: np.ndarray) -> tuple[tuple[float, ...], ...]:
+def _steps(joint: Joint, residual: np.ndarray) -> Starts:
     """Steps of the target that a residual tells of."""
     return tuple((float(np.log(step)),) for step in quantum.steps(joint, residual))
 

@@ -225,10 +225,7 @@ def pulled(case: Case, drawn: dict[int, float]) -> Case:
         drawn: how strongly each joint is drawn, 1/s; those that it lacks stay as is.
     """
     rates = {k: rate for k, rate in (case.pulled | drawn).items() if rate > 0.0}
-    ready = [
-        joint._replace(nominal=joint.nominal | {"pull": rates.get(joint.index, 0.0)})
-        for joint in case.joints
-    ]
+    ready = [joint.drawn(rates.get(joint.index, 0.0)) for joint in case.joints]
     return dataclasses.replace(case, joints=ready, pulled=rates)
 
 
@@ -238,9 +235,8 @@ def _resimulated(
     """Motions of the fitted joints, corrected by what the fits leave."""
     angles, rests = [], []
     for joint, fit in zip(ready, fits, strict=True):
-        geared = fit.hypothesis is not None and fit.hypothesis.geared
         drive = numbers(joint, fit.hypothesis, fit.x)
-        outcome = joint.outcome([drive], geared)
+        outcome = joint.outcome([drive], fit.geared)
         angles.append(np.asarray(outcome.angle)[:: motions.FINE, :, 0])
         rests.append(joint.measured - np.asarray(outcome.readings)[..., 0])
     fine = motions.grid_time(runs, STEP)[:: motions.FINE]

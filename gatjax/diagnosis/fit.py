@@ -44,6 +44,11 @@ class Fit(NamedTuple):
     settled: bool
     age: int = BORROWED  # iterations since the slopes of tolerances were simulated
 
+    @property
+    def geared(self) -> bool:
+        """Whether motor and link are simulated apart."""
+        return self.hypothesis is not None and self.hypothesis.geared
+
     def rms(self) -> float:
         """Of the residual, rad."""
         return float(np.sqrt(np.mean(np.square(self.residual))))

@@ -45,6 +45,10 @@ class Joint(NamedTuple):
     allowed: Tolerances = USUAL
     link: Link = Link(1.0, np.zeros(3))
 
+    def drawn(self, rate: float) -> Joint:
+        """The same, drawn to its measured motion at a rate in 1/s; 0: not at all."""
+        return self._replace(nominal=self.nominal | {"pull": rate})
+
     def residual(self, drives: list[dict[str, float]], geared: bool) -> np.ndarray:
         """Measured minus simulated at all valid rows [n, S], rad."""
         seen = self.simulate(drives, geared)

@@ -72,7 +72,7 @@ class Judge:
         claim = self._settled(claim, prior)
         astray = {
             k: rate for k, rate in drawn.items()
-            if k in claim.fits and not rate == self.case.pulled.get(k)
+            if k in claim.fits
             and self.known[k].rms() > ASTRAY * self.joints[k].noise
         }  # fmt: skip
         if astray:
@@ -120,7 +120,7 @@ class Judge:
 
     def _agreed(self, claim: Claim, prior: list[Fit]) -> Claim:
         """A claim at the value that its joints agree on now."""
-        count, own = len(claim.own), claim.own
+        count = len(claim.own)
         if not count:
             return claim
         if len(claim.fits) == 1 and claim.body is None:
@@ -130,24 +130,22 @@ class Judge:
                 covariance=uncertainty([fit], count),
             )  # fmt: skip
 
-        def free(index: int) -> Fit:
-            joint, x = self.joints[index], np.append(self.known[index].x, own)
-            owner = combined(prior[index].hypothesis, claim.hypothesis)
+        def advanced(index: int, newest: Hypothesis, x: np.ndarray) -> Fit:
+            joint, owner = self.joints[index], combined(prior[index].hypothesis, newest)
             return fits.improve(joint, fits.start(joint, [(owner, x)]), SETTLING)[0]
 
-        found = mapped(free, claim.fits)
-        own = shared_value(found, count)
+        def free(index: int) -> Fit:
+            x = np.append(self.known[index].x, claim.own)
+            return advanced(index, claim.hypothesis, x)
+
+        found = dict(zip(claim.fits, mapped(free, claim.fits), strict=True))
+        own = shared_value(list(found.values()), count)
         own = np.clip(own, claim.hypothesis.low, claim.hypothesis.high)
-        sure = uncertainty(found, count)
-
-        def fixed(index: int, x: np.ndarray) -> Fit:
-            joint = self.joints[index]
-            owner = combined(prior[index].hypothesis, pinned(claim.hypothesis, own))
-            first = fits.start(joint, [(owner, x[:-count])])
-            return fits.improve(joint, first, SETTLING)[0]
-
-        for index, fit in zip(claim.fits, found, strict=True):
-            self.known[index] = fixed(index, fit.x)
+        sure = uncertainty(list(found.values()), count)
+        same = pinned(claim.hypothesis, own)
+        settled = mapped(lambda k: advanced(k, same, found[k].x[:-count]), claim.fits)
+        for index, fit in zip(claim.fits, settled, strict=True):
+            self.known[index] = fit
         kept = {k: self.known[k] for k in claim.fits}
         return claim._replace(own=own, fits=kept, covariance=sure)
 
@@ -223,7 +221,7 @@ class Judge:
         joint = self.case.joints[index]
         if claim.body is not None:
             joint = self.case.carrying(index, claim.body)
-        return joint._replace(nominal=joint.nominal | {"pull": 0.0})
+        return joint.drawn(0.0)
 
     def claims(self) -> list[Claim]:
         """All claims worth a look, best first."""
@@ -427,7 +425,7 @@ class Judge:
             k for k in missing
             if min(fit.rms() for fit in [self.known[k], *self.found[k]])
             > NOISY * self.joints[k].noise
-            and not _geared(self.known[k])
+            and not self.known[k].geared
             and not any(k in (claim.lost or {}) for claim in self.accepted)
         ]  # fmt: skip
         self.losses = {k: v for k, v in self.losses.items() if k not in missing}
@@ -450,7 +448,7 @@ class Judge:
         """A claim that a joint lost commands, not drawn to what was measured."""
         joint, known = self.joints[index], self.known[index]
         if index in self.case.pulled:
-            joint = joint._replace(nominal=joint.nominal | {"pull": 0.0})
+            joint = joint.drawn(0.0)
             first = fits.start(joint, [(known.hypothesis, known.x)])
             known = fits.improve(joint, first, 6)[0]
         loss = drops.find(joint, known, self.case.commands(index))
@@ -460,7 +458,3 @@ class Judge:
         gain -= loss.price + PLACE
         claim = Claim(drops.LOST, np.zeros(0), (index,), {index: loss.fit}, gain)
         return claim._replace(lost={index: loss.lost})
-
-
-def _geared(fit: Fit) -> bool:
-    return fit.hypothesis is not None and fit.hypothesis.geared

@@ -14,6 +14,7 @@ from gatjax.diagnosis.joint import STEP, Joint
 
 LEAST, MOST, COUNT = 0.003, 0.3, 6000  # rad; steps that are tried
 MEMORY = 0.35  # s that the answer to one tick lasts
+TOGETHER = 250  # steps that are weighed in one go
 CHOSEN = 3
 APART = 0.005  # relative distance of the chosen ones
 
@@ -29,12 +30,15 @@ def steps(joint: Joint, residual: np.ndarray) -> list[float]:
         at = joint.lead + np.ceil(time / STEP + 1e-6).astype(int)
         series = np.asarray(joint.grid.target)[:, run]
         command = series[np.minimum(at, len(series) - 1)].astype(float)
-        rounded = np.round(command / ladder[:, None]) * ladder[:, None] - command
         kernel = _answer(joint, float(np.median(np.diff(time))))
         size = 2 ** int(np.ceil(np.log2(rows + len(kernel))))
-        moved = np.fft.irfft(np.fft.rfft(rounded, size) * np.fft.rfft(kernel, size))
-        rest = residual[first : first + rows] - moved[:, :rows]
-        left += np.square(rest).sum(1)
+        answer = np.fft.rfft(kernel, size)
+        for part in range(0, COUNT, TOGETHER):  # whole, it would be GB for a long log
+            some = ladder[part : part + TOGETHER, None]
+            rounded = np.round(command / some) * some - command
+            moved = np.fft.irfft(np.fft.rfft(rounded, size) * answer)
+            rest = residual[first : first + rows] - moved[:, :rows]
+            left[part : part + TOGETHER] += np.square(rest).sum(1)
         first += rows
     chosen: list[float] = []
     for step in ladder[np.argsort(left)]:
