@@ -101,6 +101,12 @@ def test_the_step_of_a_rounded_target_is_read_from_what_it_leaves():
     assert quantum.steps(noisy, left)[0] == pytest.approx(0.0371, rel=2e-3)
 
 
+def test_a_pattern_of_losses_costs_the_entropy_of_its_share():
+    lost = np.arange(998) < 99  # and one more of each kind: a tenth
+    nats = -0.1 * np.log(0.1) - 0.9 * np.log(0.9)
+    assert drops.length([lost]) == pytest.approx(998 * nats)
+
+
 def test_losses_of_a_motion_that_lost_nothing_are_not_worth_their_price():
     rng = np.random.default_rng(3)
     bare = joint(wave)
