@@ -14,7 +14,7 @@ KEPT = (40, 12, 6, 4)  # hypotheses after each round
 ROUNDS = (1, 2, 3, 5)  # iterations in each round
 PROPOSED, TURNS = (40, 12), (1, 4)  # the same, where another judge weighs them
 RIVALS = 8  # fits that are returned; those that were dropped are not at their best
-BEHIND = 40.0  # nats behind the best: dropped
+SURE, BEHIND = 2, 40.0  # iterations from which fits are dropped, if nats behind the best
 PROMISING = 2.0  # nats: less is nothing
 SHAKEN, TRIES = 2, 96  # fits that are restarted, and from how many neighbours
 FEW = 20  # starts at most of a cause that tolerances may imitate
@@ -60,20 +60,27 @@ def scan(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
         options.append((owner, np.append(base.x, starts[int(np.argmin(plain))])))
         relieved = hypothesis.relieved(joint, base.x)
         options += [] if relieved is None else [(owner, relieved)]
-    found = [_zoomed(joint, fit) for fit in fits.start(joint, options)]
+    found = _zoomed(joint, fits.start(joint, options))
     return [_lent(fit, base) for fit in found]
 
 
-def _zoomed(joint: Joint, fit: Fit) -> Fit:
-    """A start of a law with steps at the best point between it and its neighbours."""
-    assert fit.hypothesis is not None
-    width = (fit.hypothesis.parts or (fit.hypothesis,))[-1].rung
-    for _ in range(ZOOMS if width else 0):
-        ladder = fit.x[-1] + width * np.linspace(-1.0, 1.0, RUNGS)
-        points = [(fit.hypothesis, np.append(fit.x[:-1], own)) for own in ladder]
-        fit = min([fit, *fits.start(joint, points)], key=lambda one: one.cost)
-        width *= 4.0 / (RUNGS - 1)
-    return fit
+def _zoomed(joint: Joint, found: list[Fit]) -> list[Fit]:
+    """Starts of laws with steps, each at the best point up to its neighbours."""
+    parts = [(f.hypothesis.parts or (f.hypothesis,)) for f in found if f.hypothesis]
+    widths = {k: own[-1].rung for k, own in enumerate(parts) if own[-1].rung}
+    out = list(found)
+    for _ in range(ZOOMS if widths else 0):
+        points = [
+            (out[k].hypothesis, np.append(out[k].x[:-1], own))
+            for k, width in widths.items()
+            for own in out[k].x[-1] + width * np.linspace(-1.0, 1.0, RUNGS)
+        ]
+        tries = fits.start(joint, points)
+        for row, k in enumerate(widths):
+            mine = tries[row * RUNGS : (row + 1) * RUNGS]
+            out[k] = min([out[k], *mine], key=lambda one: one.cost)
+            widths[k] *= 4.0 / (RUNGS - 1)
+    return out
 
 
 def _lent(fit: Fit, base: Fit) -> Fit:
@@ -132,6 +139,8 @@ def explain(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
     for kept, rounds in zip(KEPT, ROUNDS, strict=True):
         dropped += _best(found, len(found))[kept:]
         found = fits.improve(joint, _best(found, kept), rounds)
+        if rounds < SURE:
+            continue
         gains = [fits.evidence(joint, fit) - known for fit in found]
         least = max(gains) - max(BEHIND, 0.6 * max(gains))
         near = [gain > least for gain in gains]
