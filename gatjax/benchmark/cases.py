@@ -32,7 +32,8 @@ def make(
 
     Args:
         folder: gets models/, cases/, answers.json, and asked.json with what was asked.
-        wanted: cases and seed; kinds, robots and causes, empty for all.
+        wanted: cases and seed; kinds, robots and causes, empty for all;
+            least_visibility that effects aim at.
         progress: called with the number of cases made and of all.
 
     Raises:
@@ -56,6 +57,7 @@ def make(
         wanted["robots"] or None,
         wanted["causes"] or None,
         progress,
+        wanted["least_visibility"],
     )
     write_json(asked, wanted)
 

@@ -228,6 +228,8 @@ class BenchDiagnose:
     """Kinds of cases; all if left out."""
     causes: tuple[str, ...] = ()
     """Causes of the singles and pairs to make; the whole catalogue if left out."""
+    least_visibility: float = 0.8
+    """Least visibility d that the made effects aim at; from 3 on they are plain."""
     jobs: int = 2
     """Diagnoses at a time."""
     baselines: bool = False

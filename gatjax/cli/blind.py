@@ -51,6 +51,7 @@ def _cases(verb: BenchDiagnose) -> list[Case]:
         "kinds": list(verb.kinds),
         "robots": list(verb.robots),
         "causes": list(verb.causes),
+        "least_visibility": verb.least_visibility,
     }
     with shown(float(count)) as progress:
         progress.stage("make cases")

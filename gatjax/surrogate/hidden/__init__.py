@@ -16,10 +16,11 @@ from gatjax.data.recording import write_recording
 from gatjax.surrogate.hidden.answers import answer, document
 from gatjax.surrogate.hidden.design import MIX, Case, plan
 from gatjax.surrogate.hidden.measure import recording
+from gatjax.surrogate.hidden.places import LEAST
 from gatjax.surrogate.hidden.robots import ROBOTS, robot
 from gatjax.surrogate.hidden.study import Result, run
 
-__all__ = ["MIX", "ROBOTS", "write_cases"]
+__all__ = ["LEAST", "MIX", "ROBOTS", "write_cases"]
 
 JOINTS_A_BATCH = 900  # driven joints of all lanes together; bounds the memory
 LANES = 14  # of a usual case
@@ -33,6 +34,7 @@ def write_cases(
     robots: Sequence[str] | None = None,
     causes: Sequence[str] | None = None,
     progress: Callable[[int, int], None] | None = None,
+    least: float = LEAST,
 ) -> None:
     """Writes cases with their answers.
 
@@ -44,12 +46,13 @@ def write_cases(
         robots: they take turns; None: all that hang or are bolted.
         causes: for singles and pairs; None: the whole catalogue.
         progress: called with the number of cases done and of all.
+        least: visibility that effects aim at.
 
     Raises:
         ValueError: an unknown kind, robot or cause.
     """
     robots = robots or [name for name in ROBOTS if not robot(name).floating]
-    cases = [plan(seed, i, mix or MIX, robots, causes) for i in range(count)]
+    cases = [plan(seed, i, mix or MIX, robots, causes, least) for i in range(count)]
     entries: list[dict] = []
     (folder / "models").mkdir(parents=True, exist_ok=True)
     for name in sorted({case.robot.name for case in cases}):

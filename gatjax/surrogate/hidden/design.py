@@ -11,7 +11,7 @@ from gatjax.surrogate.hidden.catalogue import CATALOGUE
 from gatjax.surrogate.hidden.measure import Channels
 from gatjax.surrogate.hidden.motions import LIVELY, OTHERS, commands
 from gatjax.surrogate.hidden.numbers import Specimen, draw, nominal
-from gatjax.surrogate.hidden.places import Effect, allowed, draw_effects
+from gatjax.surrogate.hidden.places import LEAST, Effect, allowed, draw_effects
 from gatjax.surrogate.hidden.robots import Robot, robot
 from gatjax.surrogate.hidden.stances import STANCES, stance
 from gatjax.surrogate.hidden.targets import Log
@@ -58,6 +58,7 @@ def plan(
     mix: Mapping[str, float],
     robots: Sequence[str],
     causes: Sequence[str] | None,
+    least: float = LEAST,
 ) -> Case:
     """Draws a case.
 
@@ -67,6 +68,7 @@ def plan(
         mix: share of each kind.
         robots: names; they take turns.
         causes: of singles and pairs; None: the whole catalogue.
+        least: visibility that effects aim at.
 
     Raises:
         ValueError: an unknown kind, robot or cause, or a robot that can have none.
@@ -94,7 +96,7 @@ def plan(
     ]
     turns, which = divmod(index, len(robots))
     turn = (turns + which * -(-len(names) // len(robots)), seed)
-    options = draw_effects(machine, kind, names, turn, logs[0], rng)
+    options = draw_effects(machine, kind, names, turn, logs[0], rng, least)
     bodies = [
         Specimen(draw(machine, np.random.default_rng([seed, index, number, BODY])))
         for number in range(7)

@@ -58,6 +58,7 @@ def draw_effects(
     turn: tuple[int, int],
     log: Log,
     rng: np.random.Generator,
+    least: float,
 ) -> tuple[tuple[Effect, ...], ...]:
     """The effects of a case of some kind with their possible places.
 
@@ -68,6 +69,7 @@ def draw_effects(
         turn: goes round the names: the number of the turn, and the seed.
         log: the first motion; joints that rest in it are no place for an effect.
         rng: draws the rest.
+        least: visibility aimed at.
     """
     if kind == "null":
         return ()
@@ -91,18 +93,26 @@ def draw_effects(
         tries = max(table[name].sites, 2 if machine.floating else 1)
         tries = 1 if len(machine.joints) == 1 else tries
         options.append(
-            tuple(_effect(machine, name, table[name], free, rng) for _ in range(tries))
+            tuple(
+                _effect(machine, name, table[name], free, rng, least)
+                for _ in range(tries)
+            )
         )
     return tuple(options)
 
 
 def _effect(
-    machine: Robot, name: str, cause: Cause, free: list[int], rng: np.random.Generator
+    machine: Robot,
+    name: str,
+    cause: Cause,
+    free: list[int],
+    rng: np.random.Generator,
+    least: float,
 ) -> Effect:
     """Where an effect sits and what its ladder is."""
     where, joints = _site(machine, cause.where, free, rng)
     ladder, details = cause.ladder(machine, joints, rng)
-    target = float(np.exp(rng.uniform(np.log(LEAST), np.log(MOST))))
+    target = float(np.exp(rng.uniform(np.log(least), np.log(MOST))))
     return Effect(name, cause, where, joints, ladder, details, target)
 
 
