@@ -42,7 +42,7 @@ def test_the_shapes_of_every_method_come_back(tmp_path, method):
     ("change", "says"),
     [
         ({"schema": "gatjax.grounding/9"}, "schema is 'gatjax.grounding/9', need"),
-        ({"joints": ["LKneePitch"]}, "joints is ['LKneePitch'], need"),
+        ({"joints": "LKneePitch"}, "joints is 'LKneePitch', need a list of names"),
         ({"method": "magic"}, "method 'magic' is unknown"),
         ({"method": None}, "method 'None' is unknown"),
     ],
@@ -102,6 +102,11 @@ def test_a_grounding_is_written_whole_or_not_at_all(tmp_path, monkeypatch):
     with pytest.raises(OSError, match="nothing was changed"):
         write_grounding(tmp_path, example(alpha=0.9))
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_a_grounding_of_another_robot_is_refused():
+    with pytest.raises(ValueError, match="nao lacks: elbow, wrist"):
+        grounded(nominal(), example()._replace(joints=("elbow", "LKneePitch", "wrist")))
 
 
 def test_a_grounding_is_used_at_its_own_rate_only(tmp_path):

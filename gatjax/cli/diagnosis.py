@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from gatjax.cli.arguments import Diagnose
-from gatjax.cli.found import gain_lines, named_lines
+from gatjax.cli.found import fallback_lines, gain_lines, named_lines
 from gatjax.cli.progress import shown
 from gatjax.data import checks
 from gatjax.data.mapping import ColumnMap, read_map
@@ -155,6 +155,7 @@ def said(found: dict[str, Any], out: Path, report: Path) -> list[str]:
         found["sentence"],
         *named_lines(found["causes"]),
         *gain_lines(found["gain"]),
+        *fallback_lines(found["fallback"], out),
         f"report     {report}",
         f"numbers    {out / 'diagnosis.json'}",
         f"simulation {out / 'world.json'}: give it to any verb as --world",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 HEADINGS = ("cause", "where", "value", "90 % interval", "probability", "could also be")
@@ -60,6 +61,25 @@ def gain_lines(gain: Mapping[str, Any] | None) -> list[str]:
             "           no gain is proven: keep the old simulation, or record more"
         )
     return lines
+
+
+def fallback_lines(offer: Mapping[str, Any] | None, out: Path) -> list[str]:
+    """What a learned correction gains where no cause explains a joint."""
+    if offer is None:
+        return []
+    if offer["world"] is None:
+        return ["fallback   none: a learned correction predicts the logs no better"]
+    place = f"{out / offer['world']}: give it to any verb as --world"
+    if "after" not in offer:
+        return [f"fallback   a learned correction on top; {place}"]
+    before, after = offer["before"], offer["after"]
+    proven = "" if offer["promoted"] else "; no gain is proven"
+    return [
+        f"fallback   a learned correction on top: {_degrees(before)} -> "
+        f"{_degrees(after)} deg rms (95 % interval of the gain: {offer['low']:.0%} to "
+        f"{offer['high']:.0%}{proven})",
+        f"           {place}",
+    ]
 
 
 def _degrees(angle: float) -> str:

@@ -13,7 +13,14 @@ from pyarrow import parquet
 
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import JointRun, to_arrays
-from gatjax.diagnosis import experiment, extend, measure, result, sensitivity
+from gatjax.diagnosis import (
+    experiment,
+    extend,
+    fallback,
+    measure,
+    result,
+    sensitivity,
+)
 from gatjax.diagnosis.case import Case, held, prepare
 from gatjax.diagnosis.floor import channels, standing
 from gatjax.diagnosis.floor.judge import StandingJudge
@@ -55,7 +62,8 @@ def diagnose(
         source: model file (MJCF), or "nao".
         fit: recordings to explain.
         unfit: recordings that only measure the gain; may be empty.
-        out: folder for diagnosis.json, signals.parquet, world.json, extended.xml.
+        out: folder for diagnosis.json, signals.parquet, world.json, extended.xml, and
+            learned/ where a joint is not explained.
         seed: of everything that is drawn.
         tell: is called with a stage and the share of it that is done.
         allowed: how far the numbers of the model may be off.
@@ -85,6 +93,9 @@ def diagnose(
     tell("measure", 0.0)
     pairs = {"nominal": _predicted(nominal, logs, unseen), "extended": predicted}
     gain = _gain(nominal, world, logs, unseen, pairs, case, seed) if unfit else None
+    fallback.withdraw(out)
+    lacks = verdict.verdict == "unknown" and not floats(model)
+    learned = fallback.offer(out, world, logs, unseen, seed) if lacks else None
     _write_signals(out / "signals.parquet", joints, logs, unseen, pairs, verdict)
     made_by = {"verb": "diagnose", "seed": seed}
     worlds.write_world(out / "world.json", world, made_by, None)
@@ -96,6 +107,7 @@ def diagnose(
         "causes": rows,
         "unexplained": result.unexplained(verdict),
         "gain": gain,
+        "fallback": learned,
         "robot": fit[0].metadata.get("robot", model.names.split(b"\0")[0].decode()),
         "files": {"fit": [r.name for r in fit], "held_out": [r.name for r in unfit]},
         "joints": result.joint_rows(verdict),

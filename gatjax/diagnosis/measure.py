@@ -7,6 +7,7 @@ compared robots on, rows count for none of them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -22,7 +23,7 @@ from gatjax.sim.episode import coupled
 from gatjax.sim.limbs import floats, put_down
 from gatjax.sim.native import Native
 from gatjax.sim.replay import replay_many
-from gatjax.sim.world import World, stacked
+from gatjax.sim.world import Values, World, stacked
 
 UPRIGHT = 0.7  # least upward part of the torso's axis; below, a robot has fallen
 SETTLE = 0.5  # s at the first command before a log
@@ -54,10 +55,13 @@ def ticks(run: JointRun, period: float) -> tuple[np.ndarray, np.ndarray]:
     return even, run.command[np.maximum(held, 0)]
 
 
-def whole_log(world: World, runs: list[JointRun]) -> list[np.ndarray]:
+def whole_log(
+    world: World, runs: list[JointRun], values: Sequence[Values] = ()
+) -> list[np.ndarray]:
     """Open-loop predictions [N, J] rad at the stamps of runs, from rest.
 
-    A robot that stood predicts nothing (NaN) from its fall on.
+    Each run has values of its own, the world's if none are given. A robot that stood
+    predicts nothing (NaN) from its fall on.
     """
     period = world.task.control_period
     lead = round(SETTLE / period)
@@ -69,9 +73,9 @@ def whole_log(world: World, runs: list[JointRun]) -> list[np.ndarray]:
             for _, c in played
         ]
     )  # fmt: skip
-    values = stacked([world.values] * len(runs))
+    every = stacked(values or [world.values] * len(runs))
     qpos = np.stack([put_down(world.model, c[0]) for c in commands])
-    angle = replay_many(world, values, commands, qpos, np.zeros(world.model.nv))
+    angle = replay_many(world, every, commands, qpos, np.zeros(world.model.nv))
     out = []
     for k, (run, (even, _)) in enumerate(zip(runs, played, strict=True)):
         part = k, slice(lead, lead + len(even))
@@ -162,18 +166,24 @@ def _rolled(
 
 def learn(runs: list[JointRun], seed: int) -> Network:
     """The forward model of GAT, trained on pieces of the fit data."""
-    pieces = []
+    return learn_forward(pieces(runs), seed)[0]
+
+
+def pieces(runs: list[JointRun]) -> list[JointRun]:
+    """Runs cut into pieces of about 2 s, of which some can be left out of training."""
+    out = []
     for run in runs:
         count = max(2, round((run.time[-1] - run.time[0]) / PIECE))
-        for part in np.array_split(np.arange(len(run.time)), count):
-            pieces.append(
-                run._replace(
-                    time=run.time[part],
-                    command=run.command[part],
-                    angle=run.angle[part],
-                )
-            )
-    return learn_forward(pieces, seed)[0]
+        parts = np.array_split(np.arange(len(run.time)), count)
+        out += [rows_of(run, part) for part in parts]
+    return out
+
+
+def rows_of(run: JointRun, part: np.ndarray) -> JointRun:
+    """A run's rows with these indices."""
+    return run._replace(
+        time=run.time[part], command=run.command[part], angle=run.angle[part]
+    )
 
 
 def learned_log(forward: Network, runs: list[JointRun]) -> list[np.ndarray]:

@@ -27,6 +27,7 @@ from gatjax.grounding.gat import (
 from gatjax.grounding.network import HIDDEN, Network
 from gatjax.grounding.transitions import HISTORY
 from gatjax.records import JOINTS
+from gatjax.robot.model import joint_names
 from gatjax.robot.nao import WALKING, WALKING_JOINTS
 from gatjax.runs import read_json, write_whole
 from gatjax.runs.files import as_json
@@ -45,16 +46,17 @@ class Grounding(NamedTuple):
     method: str
     params: Any
     facts: dict[str, Any]  # fit of its models, alpha, and rate_hz where it is known
+    joints: tuple[str, ...] = WALKING_JOINTS  # that it was learned for
 
 
-def effect_of(method: str) -> Effect:
-    """Return the command effect of a method."""
+def effect_of(method: str, joints: Array = WALKING) -> Effect:
+    """Return the command effect of a method on the joints with these indices."""
     check_method(method)
     return {
         "none": memoryless(lambda params, signal: signal),
         "envelope": envelope_effect(),
-        "guided": guided_effect(WALKING),
-        "gat": gat_effect(WALKING),
+        "guided": guided_effect(joints),
+        "gat": gat_effect(joints),
     }[method]
 
 
@@ -103,12 +105,21 @@ def grounded(world: World, grounding: Grounding) -> World:
     """Return the world with the grounding as its last command effect.
 
     Raises:
-        ValueError: the grounding was learned at another control rate.
+        ValueError: the grounding was learned at another control rate, or for joints
+            that the world's robot lacks.
     """
-    check_rate(world, grounding.facts.get("rate_hz"), f"grounding {grounding.method}")
-    return add_command(
-        world, "grounding", effect_of(grounding.method), grounding.params
-    )
+    name = f"grounding {grounding.method}"
+    check_rate(world, grounding.facts.get("rate_hz"), name)
+    there = joint_names(world.model)
+    lacking = [joint for joint in grounding.joints if joint not in there]
+    if lacking:
+        raise ValueError(
+            f"{name} is for joints that {world.source} lacks: {', '.join(lacking)}; "
+            f"choose a grounding of this robot"
+        )
+    joints = np.array([there.index(joint) for joint in grounding.joints])
+    effect = effect_of(grounding.method, joints)
+    return add_command(world, "grounding", effect, grounding.params)
 
 
 def with_alpha(grounding: Grounding, alpha: float) -> Grounding:
@@ -139,14 +150,14 @@ def largest_stable_alpha(
     )
 
 
-def _template(method: str) -> Any:
-    """Parameters of a method that are all zero, in their shapes."""
+def _template(method: str, joints: int = len(WALKING_JOINTS)) -> Any:
+    """Parameters of a method for so many joints that are all zero, in their shapes."""
     if method == "none":
         return ()
     alpha = np.float32(0.0)
     if method == "envelope":
         return Envelope(alpha, np.zeros(len(JOINTS)))
-    inputs, outputs = (2 + 2 * HISTORY) * len(WALKING_JOINTS), 2 * len(WALKING_JOINTS)
+    inputs, outputs = (2 + 2 * HISTORY) * joints, 2 * joints
     sizes = (inputs, *HIDDEN, outputs)
     network = Network(
         np.zeros(inputs), np.zeros(inputs), np.zeros(outputs), np.zeros(outputs),
@@ -167,7 +178,7 @@ def write_grounding(folder: Path, grounding: Grounding) -> None:
     text = {
         "schema": SCHEMA,
         "method": grounding.method,
-        "joints": list(WALKING_JOINTS),
+        "joints": list(grounding.joints),
         **grounding.facts,
     }
     about = (json.dumps(text, indent=2, default=as_json) + "\n").encode()
@@ -179,7 +190,7 @@ def read_grounding(folder: Path) -> Grounding:
     """Load what `write_grounding` wrote.
 
     Raises:
-        ValueError: one line with what is missing, damaged or not of this robot.
+        ValueError: one line with what is missing or damaged.
     """
     try:
         text = read_json(folder / "grounder.json")
@@ -190,16 +201,17 @@ def read_grounding(folder: Path) -> Grounding:
         raise ValueError(
             f"{folder} holds no complete grounding ({error}); run `gatjax ground` again"
         ) from error
-    for key, ours in (("schema", SCHEMA), ("joints", list(WALKING_JOINTS))):
-        if text.get(key) != ours:
-            raise ValueError(
-                f"{folder}/grounder.json: {key} is {text.get(key)!r}, need {ours!r}"
-            )
+    file, joints = f"{folder}/grounder.json", text.get("joints")
+    if text.get("schema") != SCHEMA:
+        raise ValueError(f"{file}: schema is {text.get('schema')!r}, need {SCHEMA!r}")
+    if not isinstance(joints, list) or not all(isinstance(j, str) for j in joints):
+        raise ValueError(f"{file}: joints is {joints!r}, need a list of names")
     method = str(text.get("method"))
     check_method(method)
-    params = _filled(_template(method), arrays, f"{folder}/weights.npz")
+    template = _template(method, len(joints))
+    params = _filled(template, arrays, f"{folder}/weights.npz")
     facts = {k: v for k, v in text.items() if k not in ("schema", "method", "joints")}
-    return Grounding(method, params, facts)
+    return Grounding(method, params, facts, tuple(joints))
 
 
 def _filled(template: Any, arrays: dict[str, Array], name: str) -> Any:

@@ -6,7 +6,13 @@ import math
 from typing import Any
 
 from gatjax.report.diagnosis.frame import bar, folded, signed_bar, table
-from gatjax.report.diagnosis.quantities import cause_name, place, portion, size
+from gatjax.report.diagnosis.quantities import (
+    cause_name,
+    degrees,
+    place,
+    portion,
+    size,
+)
 from gatjax.report.diagnosis.read import Diagnosis, number_in, rows_of, texts_of
 from gatjax.report.sections import section
 from gatjax.report.wording import DASH, duration, escape, number, percent, significant
@@ -44,7 +50,30 @@ def unexplained(diagnosis: Diagnosis) -> str:
             f"<p>Proposed term, from a sparse regression on the residual: "
             f"<b>{escape(rest['term'])}</b></p>"
         )
-    return section("What is left", body)
+    return section("What is left", body + _fallback(diagnosis.part("fallback")))
+
+
+def _fallback(offer: dict[str, Any]) -> str:
+    """The learned correction that is offered instead of a cause."""
+    if not offer:
+        return ""
+    words = "A learned correction of the commands (GAT) predicts these logs no better."
+    if offer.get("world"):
+        words = (
+            f"Until the cause is known, a learned correction of the commands (GAT, "
+            f"alpha {number(number_in(offer, 'alpha'), 1)}) can take its place: give "
+            f"{offer['world']} to any verb as --world."
+        )
+    if "after" in offer:
+        before, after = (degrees(number_in(offer, k)) for k in ("before", "after"))
+        low, high = (number(100.0 * number_in(offer, k), 0) for k in ("low", "high"))
+        words += (
+            f" On the held-out logs it takes the error of the extended model from "
+            f"{before} to {after} (95 % interval of the gain: {low} to {high} %)."
+        )
+        if not offer.get("promoted"):
+            words += " That is no proven gain."
+    return f"<p>{escape(words)}</p>"
 
 
 def calibration(diagnosis: Diagnosis) -> str:
