@@ -1,11 +1,8 @@
-"""The judge: what is known about each joint, and the claims that would explain more."""
+"""The judge: the claims that would explain more than what is known about each joint."""
 
 from __future__ import annotations
 
-import copy
-import dataclasses
 import itertools
-from collections.abc import Callable
 
 import numpy as np
 
@@ -13,7 +10,7 @@ from gatjax.diagnosis import case as cases
 from gatjax.diagnosis import drops, search
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.bank import CAUSES, OTHERS
-from gatjax.diagnosis.case import Case, along, mapped
+from gatjax.diagnosis.case import mapped
 from gatjax.diagnosis.claims import (
     BODY,
     PLACE,
@@ -28,160 +25,21 @@ from gatjax.diagnosis.claims import (
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined, pinned
 from gatjax.diagnosis.joint import Joint
+from gatjax.diagnosis.known import ASTRAY, Known
 
 NOISY = 1.7  # times the noise that the best cause leaves: commands may be lost
-ASTRAY = 3.5  # times the noise that the best explanation leaves: look again
 STRAYING = 0.3  # of the residual before, that it leaves at least
 DECODED = 2.5  # times the noise at most, that decoded losses leave
 MOST = 4  # shared causes that are looked into
 BODIES = 2  # bodies that are looked into closely
-CHANGED = 3.0  # nats: a joint whose evidence changed less keeps its fits
-SETTLING = 3  # iterations in which joints settle on a value
-PASSES = 6  # over the loads that a new claim makes, at most
 RIVAL = 0.4  # of the best gain at a joint: a body cause must come that near
 
 
-class Judge:
+class Judge(Known):
     """Finds the claims that explain a case best, given what is explained already."""
 
     most = 3  # causes of a case
     worth = WORTH  # nats that a first one needs
-
-    def __init__(self, case: Case, tell: Callable[[str, float], None]) -> None:
-        """Start from the tolerances."""
-        self.case = case
-        self.tell = tell
-        self.joints: list[Joint] = list(case.joints)
-        self.known: list[Fit] = list(case.healthy)
-        self.found: dict[int, list[Fit]] = {}
-        self.losses: dict[int, Claim | None] = {}
-        self.accepted: list[Claim] = []
-
-    def accept(self, claim: Claim) -> Claim:
-        """Take a claim for known, with the loads along the motion that it makes.
-
-        Returns:
-            The claim with its numbers on those loads.
-        """
-        before = [self._evidence(k) for k in range(len(self.joints))]
-        prior, drawn = list(self.known), self.case.pulled
-        self.accepted.append(claim)
-        for index, fit in claim.fits.items():
-            self.known[index] = fit
-        self._draw(dict.fromkeys(set(drawn) & set(claim.fits), 0.0))
-        claim = self._settled(claim, prior)
-        astray = {
-            k: rate for k, rate in drawn.items()
-            if k in claim.fits
-            and self.known[k].rms() > ASTRAY * self.joints[k].noise
-        }  # fmt: skip
-        if astray:
-            self._draw(astray)
-            claim = self._settled(claim, prior)
-        for index, old in enumerate(before):
-            moved = abs(self._evidence(index) - old) > CHANGED
-            if moved or index in claim.fits:
-                self.found.pop(index, None)
-        return claim
-
-    def _draw(self, rates: dict[int, float]) -> None:
-        """Draw joints to their measured motion at other rates, 1/s; 0: not at all."""
-        self.case = cases.pulled(self.case, rates)
-        healthy = list(self.case.healthy)
-        for k in rates:
-            healthy[k] = search.healthy(self.case.joints[k], healthy[k].x)
-        self.case = dataclasses.replace(self.case, healthy=healthy)
-        self.joints = self._altered(self.case)
-        for index, fit in zip(rates, mapped(self._again, rates), strict=True):
-            self.known[index] = fit
-
-    def _settled(self, claim: Claim, prior: list[Fit]) -> Claim:
-        """The newest claim on the loads of the motion that it makes.
-
-        Args:
-            claim: to settle, accepted already.
-            prior: what was known about each joint before it.
-        """
-        every = range(len(self.joints))
-        for _ in range(PASSES if len(self.joints) > 1 else 0):
-            old = claim, self.case, self.joints, self.known
-            total = sum(map(self._evidence, every))
-            self.case = along(self.case, self.joints, self.known)
-            self.joints = self._altered(self.case)
-            self.known = mapped(self._again, every)
-            claim = self._agreed(claim, prior)
-            better = sum(map(self._evidence, every)) - total
-            if better < -CHANGED:
-                claim, self.case, self.joints, self.known = old
-            self.accepted[-1] = claim
-            if better < CHANGED and not claim.moved(old[0]):
-                break
-        return claim
-
-    def _agreed(self, claim: Claim, prior: list[Fit]) -> Claim:
-        """A claim at the value that its joints agree on now."""
-        count = len(claim.own)
-        if not count:
-            return claim
-        if len(claim.fits) == 1 and claim.body is None:
-            fit = self.known[claim.where[0]]
-            return claim._replace(
-                own=fit.x[-count:], fits={claim.where[0]: fit},
-                covariance=uncertainty([fit], count),
-            )  # fmt: skip
-
-        def advanced(index: int, newest: Hypothesis, x: np.ndarray) -> Fit:
-            joint, owner = self.joints[index], combined(prior[index].hypothesis, newest)
-            return fits.improve(joint, fits.start(joint, [(owner, x)]), SETTLING)[0]
-
-        def free(index: int) -> Fit:
-            x = np.append(self.known[index].x, claim.own)
-            return advanced(index, claim.hypothesis, x)
-
-        found = dict(zip(claim.fits, mapped(free, claim.fits), strict=True))
-        own = shared_value(list(found.values()), count)
-        own = np.clip(own, claim.hypothesis.low, claim.hypothesis.high)
-        sure = uncertainty(list(found.values()), count)
-        same = pinned(claim.hypothesis, own)
-        settled = mapped(lambda k: advanced(k, same, found[k].x[:-count]), claim.fits)
-        for index, fit in zip(claim.fits, settled, strict=True):
-            self.known[index] = fit
-        kept = {k: self.known[k] for k in claim.fits}
-        return claim._replace(own=own, fits=kept, covariance=sure)
-
-    def fork(self) -> Judge:
-        """A judge of the same that may accept another claim."""
-        other = copy.copy(self)
-        other.joints, other.known = list(self.joints), list(self.known)
-        other.accepted, other.found = list(self.accepted), dict(self.found)
-        other.losses = dict(self.losses)
-        return other
-
-    def _evidence(self, index: int) -> float:
-        return fits.evidence(self.joints[index], self.known[index])
-
-    def _altered(self, case: Case) -> list[Joint]:
-        """The case's joints with the bodies and the commands that claims changed."""
-        out = list(case.joints)
-        for claim in self.accepted:
-            for index in claim.fits:
-                if claim.body is not None:
-                    out[index] = case.carrying(index, claim.body)
-                if claim.lost and index in claim.lost:
-                    out[index] = drops.with_commands(
-                        out[index], case.commands(index), claim.lost[index]
-                    )
-        return out
-
-    def _again(self, index: int) -> Fit:
-        """The known fit of a joint on its new loads."""
-        fit = self.known[index]
-        first = fits.start(self.joints[index], [(fit.hypothesis, fit.x)])
-        return fits.improve(self.joints[index], first, 6)[0]
-
-    def score(self, index: int, fit: Fit, joint: Joint | None = None) -> float:
-        """Nats of a fit over what is known about a joint."""
-        return fits.evidence(joint or self.joints[index], fit) - self._evidence(index)
 
     def visibility(self, claim: Claim) -> float:
         """Visibility d of a claim: its RMS change over the scatter from tolerances.

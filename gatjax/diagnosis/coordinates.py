@@ -1,0 +1,200 @@
+"""Kinds of hypotheses: how the coordinates of a cause become numbers of a joint.
+
+Torques are coordinates in shares of the joint's torque limit, stiffnesses in shares of
+its gain, so that the same bank serves a finger and a hip. Positive numbers are searched
+as logarithms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from gatjax.diagnosis.hypotheses import Hypothesis, Numbers
+from gatjax.diagnosis.joint import Joint
+from gatjax.diagnosis.tolerances import SHARES
+
+Scale = Callable[[Joint], float]
+
+
+def _one(joint: Joint) -> float:
+    return 1.0
+
+
+def limit_of(joint: Joint) -> float:
+    """Torque that shares are of, N m: the limit, or what a radian of error gives."""
+    return min(joint.nominal["limit"], joint.nominal["kp"])
+
+
+def gain_of(joint: Joint) -> float:
+    """Stiffness of the servo, N m/rad."""
+    return joint.nominal["kp"]
+
+
+def resistance_of(joint: Joint) -> float:
+    """Damping of joint and servo, N m s/rad, not 0."""
+    return joint.nominal["damping"] + joint.nominal["kv"] + 1e-3
+
+
+def armature_of(joint: Joint) -> float:
+    """Nominal armature, kg m^2, not 0."""
+    return joint.nominal["armature"] + 1e-4
+
+
+def positive(
+    cause: str, parameter: str, field: str, low: float, high: float,
+    starts: Sequence[float], scale: Scale = _one, added: bool = False,
+    step: float = 0.03,
+) -> Hypothesis:  # fmt: skip
+    """One positive number: set, or added to what the joint has already."""
+
+    def size(joint: Joint, x: np.ndarray) -> float:
+        return scale(joint) * float(np.exp(x[0]))
+
+    def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
+        drive[field] = size(joint, x) + (drive.get(field, 0.0) if added else 0.0)
+
+    logs = tuple((float(np.log(start)),) for start in starts)
+    plain = Hypothesis(
+        cause, "", put, logs, (step,), (np.log(low),), (np.log(high),),
+        lambda joint, x: {parameter: size(joint, x)},
+    )  # fmt: skip
+    if field in ("delay", "late"):
+        return plain._replace(
+            imitator="delay", taken=lambda joint, x: np.log(joint.allowed.late * x)
+        )
+    if field not in SHARES:
+        return plain
+
+    def taken(joint: Joint, x: float) -> float:
+        grown = np.expm1(getattr(joint.allowed, field) * x)
+        return float(np.log(joint.nominal[field] * grown / scale(joint)))
+
+    return plain._replace(imitator=field, taken=taken)
+
+
+def variant_of(base: Hypothesis, variant: str, fixed: Numbers) -> Hypothesis:
+    """The same cause with some numbers fixed."""
+
+    def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
+        base.put(drive, joint, x)
+        drive.update(fixed)
+
+    return base._replace(variant=variant, put=put)
+
+
+def geared(base: Hypothesis, side: str) -> Hypothesis:
+    """The same cause with the motor and the link apart, each with some friction.
+
+    The encoder sits on one `side`, motor or link.
+    """
+    sensed = float(side == "motor")
+
+    def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
+        base.put(drive, joint, x[:-1])
+        drive.update({"sensed": sensed, "link_share": float(x[-1])})
+
+    return base._replace(
+        variant=f"encoder on {side}", put=put, geared=True,
+        starts=tuple((*s, share) for s in base.starts for share in (0.1, 0.8)),
+        steps=(*base.steps, 0.05), low=(*base.low, 0.0), high=(*base.high, 1.0),
+        values=lambda joint, x: (
+            base.values(joint, x[:-1])
+            | {"encoder_on_motor": sensed, "link_share": float(x[-1])}
+        ),
+    )  # fmt: skip
+
+
+def factor(
+    cause: str, field: str, low: float, high: float, starts: Sequence[float]
+) -> Hypothesis:
+    """A factor on a nominal number that replaces its tolerance."""
+
+    def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
+        drive[field] = joint.nominal[field] * float(np.exp(x[0]))
+
+    def values(joint: Joint, x: np.ndarray) -> Numbers:
+        scale = float(np.exp(x[0]))
+        limits = cause == "torque_limit"
+        return {"limit": joint.nominal[field] * scale} if limits else {"scale": scale}
+
+    logs = tuple((float(np.log(start)),) for start in starts)
+    return Hypothesis(
+        cause, "", put, logs, (0.03,), (np.log(low),), (np.log(high),), values,
+        imitator=field, taken=lambda joint, x: getattr(joint.allowed, field) * x,
+    )  # fmt: skip
+
+
+def _of_zero(field: str) -> dict[str, Any]:
+    """The imitator of an offset: what an encoder's zero may be off."""
+    if field not in ("zero_in", "zero_out"):
+        return {}
+    return {"imitator": field, "taken": lambda joint, x: joint.allowed.zero * x}
+
+
+def signed(
+    cause: str, variant: str, field: str, parameter: str, size: float, high: float,
+    scale: Scale = _one, neutral: float = 0.0, values: Numbers | None = None,
+) -> Hypothesis:  # fmt: skip
+    """A number of either sign, searched as it is."""
+
+    def number(joint: Joint, x: np.ndarray) -> float:
+        return neutral + scale(joint) * float(x[0])
+
+    def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
+        drive[field] = number(joint, x)
+
+    starts = tuple((k * size,) for k in (0.3, -0.3, 1.0, -1.0))
+    return Hypothesis(
+        cause, variant, put, starts, (0.02 * size,), (-high,), (high,),
+        lambda joint, x: {parameter: number(joint, x)} | (values or {}),
+        **_of_zero(field),
+    )  # fmt: skip
+
+
+def vector(
+    cause: str, first: int, names: tuple[str, ...], norm: str, size: float, high: float
+) -> Hypothesis:
+    """Load terms that belong together, e.g. the axes of a displacement."""
+    count = len(names)
+
+    def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
+        drive.update({f"term{first + k}": float(v) for k, v in enumerate(x)})
+
+    def values(joint: Joint, x: np.ndarray) -> Numbers:
+        parts = {name: float(v) for name, v in zip(names, x, strict=True)}
+        return {norm: float(np.linalg.norm(x))} | parts
+
+    starts = tuple(tuple(row) for k in (size, -size) for row in np.eye(count) * k)
+    return Hypothesis(
+        cause, "", put, starts, (0.05 * size,) * count, (-high,) * count,
+        (high,) * count, values, prior=((3.0 / high) ** 2,) * count,
+    )  # fmt: skip
+
+
+def wave(
+    cause: str, variant: str, fields: tuple[str, str, str], rates: Sequence[float]
+) -> Hypothesis:
+    """A sine of position or time: amplitudes in shares of the limit, then the rate."""
+
+    def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
+        drive[fields[0]] = limit_of(joint) * float(x[0])
+        drive[fields[1]] = limit_of(joint) * float(x[1])
+        drive[fields[2]] = float(np.exp(x[2]))
+
+    def values(joint: Joint, x: np.ndarray) -> Numbers:
+        return {
+            "amplitude": limit_of(joint) * float(np.hypot(x[0], x[1])),
+            fields[2]: float(np.exp(x[2])),
+            "phase": float(np.arctan2(x[1], x[0]) % (2.0 * np.pi)),
+        }
+
+    pairs = ((0.03, 0.0), (0.0, 0.03))
+    starts = tuple((a, b, float(np.log(r))) for r in rates for a, b in pairs)
+    low, high = np.log(rates[0]) - 0.2, np.log(rates[-1]) + 0.2
+    return Hypothesis(
+        cause, variant, put, starts, (0.003, 0.003, 0.002), (-1.0, -1.0, low),
+        (1.0, 1.0, high), values,
+    )  # fmt: skip
