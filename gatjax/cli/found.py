@@ -68,16 +68,15 @@ def fallback_lines(offer: Mapping[str, Any] | None, out: Path) -> list[str]:
     if offer is None:
         return []
     if offer["world"] is None:
-        return ["fallback   none: a learned correction predicts the logs no better"]
+        return ["fallback   none: a learned correction predicts other logs no better"]
     place = f"{out / offer['world']}: give it to any verb as --world"
     if "after" not in offer:
         return [f"fallback   a learned correction on top; {place}"]
     before, after = offer["before"], offer["after"]
-    proven = "" if offer["promoted"] else "; no gain is proven"
     return [
         f"fallback   a learned correction on top: {_degrees(before)} -> "
         f"{_degrees(after)} deg rms (95 % interval of the gain: {offer['low']:.0%} to "
-        f"{offer['high']:.0%}{proven})",
+        f"{offer['high']:.0%})",
         f"           {place}",
     ]
 

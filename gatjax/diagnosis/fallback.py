@@ -93,7 +93,9 @@ def withdraw(out: Path) -> None:
 def offer(
     out: Path, world: World, logs: list[JointRun], unseen: list[JointRun], seed: int
 ) -> dict[str, Any]:
-    """Learn a correction, write the world that has it, and measure its gain.
+    """Learn a correction, measure its gain, and write the world that has it.
+
+    It is written unless held-out logs do not bear it out.
 
     Args:
         out: gets learned/: a world file and its grounding.
@@ -108,14 +110,20 @@ def offer(
     grounding = learn(world, logs, seed)
     alpha = grounding.facts["alpha"]
     row: dict[str, Any] = {"method": "gat", "alpha": alpha, "world": None}
-    if alpha == 0.0:
-        return row
-    write_grounding(out / FOLDER, grounding)
-    made_by = {"verb": "diagnose", "seed": seed}
-    write_world(out / FOLDER / "world.json", world, made_by, ".")
-    row["world"] = f"{FOLDER}/world.json"
-    if not unseen:
-        return row
+    if alpha > 0.0 and unseen:
+        row |= _gain(world, grounding, unseen, seed)
+    if alpha > 0.0 and row.get("promoted", True):
+        write_grounding(out / FOLDER, grounding)
+        made_by = {"verb": "diagnose", "seed": seed}
+        write_world(out / FOLDER / "world.json", world, made_by, ".")
+        row["world"] = f"{FOLDER}/world.json"
+    return row
+
+
+def _gain(
+    world: World, grounding: Grounding, unseen: list[JointRun], seed: int
+) -> dict[str, Any]:
+    """Errors on held-out logs without and with a correction, as in `gain`."""
     errors = measure.log_errors(
         unseen,
         {
@@ -125,4 +133,4 @@ def offer(
     )
     low, high = measure.interval(errors["before"], errors["after"], None, seed)
     sizes = {key: float(np.sqrt(e.squared.mean())) for key, e in errors.items()}
-    return row | sizes | {"low": low, "high": high, "promoted": bool(low > 0.0)}
+    return sizes | {"low": low, "high": high, "promoted": bool(low > 0.0)}

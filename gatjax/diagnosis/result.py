@@ -85,7 +85,7 @@ def candidates(verdict: Verdict) -> list[dict[str, Any]]:
     rows += [
         _candidate(verdict, claim, 0.0) | {"step": len(verdict.causes) + 1}
         for claim in verdict.last[:SHOWN]
-        if not verdict.causes
+        if not verdict.causes and claim is not verdict.law
     ]
     return rows
 

@@ -57,7 +57,7 @@ def _fallback(offer: dict[str, Any]) -> str:
     """The learned correction that is offered instead of a cause."""
     if not offer:
         return ""
-    words = "A learned correction of the commands (GAT) predicts these logs no better."
+    words = "A learned correction of the commands (GAT) predicts other logs no better."
     if offer.get("world"):
         words = (
             f"Until the cause is known, a learned correction of the commands (GAT, "
@@ -71,8 +71,6 @@ def _fallback(offer: dict[str, Any]) -> str:
             f" On the held-out logs it takes the error of the extended model from "
             f"{before} to {after} (95 % interval of the gain: {low} to {high} %)."
         )
-        if not offer.get("promoted"):
-            words += " That is no proven gain."
     return f"<p>{escape(words)}</p>"
 
 
