@@ -118,14 +118,19 @@ def test_heat_takes_gain_away_and_is_told():
     assert sag == pytest.approx(-1.5 / NOMINAL["kp"], rel=0.15)
 
 
+def test_the_sine_is_right_where_rates_and_times_take_it():
+    x = np.linspace(-2000.0, 2000.0, 400_001).astype(np.float32)
+    assert np.asarray(laws.sine(x)) == pytest.approx(np.sin(x.astype(float)), abs=1e-5)
+
+
 @pytest.mark.parametrize(
     "law",
     [
         {"lag": 0.03}, {"quantum": 0.05}, {"rate": 1.0}, {"speed": 2.0},
-        {"stiction": 0.5}, {"loaded": 0.5}, {"asymmetric": 0.4}, {"ripple_sin": 0.3,
+        {"stiction": 0.5}, {"loaded": 0.5}, {"asymmetric": 0.4}, {"ripple": 0.3,
         "cycles": 8.0}, {"zero_in": 0.05}, {"zero_out": 0.05}, {"scale": 1.05},
         {"sag": 0.4}, {"drag": 0.4}, {"spring": 2.0}, {"bias": 0.5},
-        {"wave_sin": 0.4, "frequency": 9.0}, {"integral": 5.0}, {"drift": 0.01},
+        {"wave": 0.4, "frequency": 9.0}, {"integral": 5.0}, {"drift": 0.01},
     ],
 )  # fmt: skip
 def test_every_law_moves_the_reading_and_its_neutral_value_does_not(law):

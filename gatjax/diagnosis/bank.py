@@ -179,7 +179,7 @@ CAUSES: tuple[Hypothesis, ...] = (
     )._replace(guess=_steps, rung=0.001),
     geared(_SPRING, "link"),
     geared(_SPRING, "motor"),
-    wave("torque_ripple", "", ("ripple_sin", "ripple_cos", "cycles"), _CYCLES),
+    wave("torque_ripple", "", ("ripple", "ripple_phase", "cycles"), _CYCLES),
     signed("asymmetric_friction", "", "asymmetric", "torque", 0.12, 1.0, limit_of),
     signed(
         "encoder_offset", "in loop", "zero_in", "offset", 0.06, 0.6,
@@ -208,7 +208,7 @@ CAUSES: tuple[Hypothesis, ...] = (
 OTHERS: tuple[Hypothesis, ...] = (
     signed("", "quadratic drag", "drag", "coefficient", 0.1, 5.0, limit_of),
     _spring(),
-    wave("", "periodic torque", ("wave_sin", "wave_cos", "frequency"), _FREQUENCIES),
+    wave("", "periodic torque", ("wave", "wave_phase", "frequency"), _FREQUENCIES),
     signed("", "integral action", "integral", "rate", 3.0, 50.0),
 )
 """Laws without an entry in the catalogue: when one wins, the cause is unknown."""

@@ -16,7 +16,7 @@ import numpy as np
 from gatjax.diagnosis import plant
 from gatjax.diagnosis.hypotheses import Hypothesis, numbers
 from gatjax.diagnosis.joint import STEP, Joint
-from gatjax.diagnosis.laws import Drive, Grid, Servo
+from gatjax.diagnosis.laws import Drive, Grid, Servo, weighed
 
 Array = Any
 WIDTH = 512  # hypotheses
@@ -120,5 +120,5 @@ def _searched(p: Drive, g: Grid, e: Events, noise: Array, odd: Array) -> tuple:
         return Beam(new, beam.held, cost), parent
 
     events = jax.tree.map(lambda field: jnp.asarray(field, jnp.float32), e)
-    last, parents = jax.lax.scan(step, start, (events, g))
+    last, parents = jax.lax.scan(step, start, (events, weighed(p, g)))
     return parents, last.cost

@@ -177,12 +177,13 @@ def vector(
 def wave(
     cause: str, variant: str, fields: tuple[str, str, str], rates: Sequence[float]
 ) -> Hypothesis:
-    """A sine of position or time: amplitudes in shares of the limit, then the rate."""
+    """A sine of position or time: amplitudes in shares of the limit, then the rate.
+
+    The fields get amplitude, phase and rate.
+    """
 
     def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
-        drive[fields[0]] = limit_of(joint) * float(x[0])
-        drive[fields[1]] = limit_of(joint) * float(x[1])
-        drive[fields[2]] = float(np.exp(x[2]))
+        drive[fields[0]], drive[fields[2]], drive[fields[1]] = values(joint, x).values()
 
     def values(joint: Joint, x: np.ndarray) -> Numbers:
         return {

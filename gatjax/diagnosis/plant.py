@@ -16,6 +16,7 @@ from gatjax.diagnosis import laws
 from gatjax.diagnosis.laws import Drive, Grid, Servo
 
 Array = Any
+BLOCK = 100  # steps whose loads are weighed together, few enough for the cache
 DAMPING_RATIO = 0.2  # of the gear's spring against the two inertias
 
 
@@ -179,8 +180,14 @@ def _simulate(p: Drive, grid: Grid, h: float, geared: bool) -> tuple:
         state = advance(p, g, at(k), state, h)
         return state, (state.seen(p), state.q if geared else None)
 
-    count = jnp.arange(grid.target.shape[0], dtype=jnp.int32)
-    state, (seen, link) = jax.lax.scan(step, start, (count, grid))
+    def block(state: Any, x: tuple) -> tuple[Any, tuple]:
+        k, g = x
+        return jax.lax.scan(step, state, (k, laws.weighed(p, g)))
+
+    series = jnp.arange(grid.target.shape[0], dtype=jnp.int32), grid
+    cut = jax.tree.map(lambda a: a.reshape(-1, BLOCK, *a.shape[1:]), series)
+    state, rows = jax.lax.scan(block, start, cut)
+    seen, link = jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), rows)
     return state, seen, link if geared else seen
 
 
