@@ -18,12 +18,13 @@ from gatjax.diagnosis import joint as joints
 from gatjax.diagnosis import loads as weights
 from gatjax.diagnosis import motion as motions
 from gatjax.diagnosis import search
-from gatjax.diagnosis.fit import Fit
+from gatjax.diagnosis.fit import Fit, evidence
 from gatjax.diagnosis.hypotheses import numbers
 from gatjax.diagnosis.joint import STEP, Joint
 from gatjax.diagnosis.tolerances import USUAL, Tolerances
 from gatjax.robot.model import joint_names
 
+PASSES, RESTS = 3, 3.0  # over the loads of the fitted motion; nats that end them
 PULLS = (10.0, 30.0)  # 1/s, of a pulled joint towards its measured motion
 THREADS = os.cpu_count() or 1
 
@@ -115,6 +116,12 @@ class Case:
         total = joints.supply_load(self.model, self.tree, self.motions, self.loads)
         return max(float(series.max()) for series in total)
 
+    @property
+    def evidence(self) -> float:
+        """Nats of the tolerances alone, all joints together."""
+        pairs = zip(self.joints, self.healthy, strict=True)
+        return sum(evidence(joint, fit) for joint, fit in pairs)
+
     def commands(self, joint: int) -> list[np.ndarray]:
         """Commands of a joint, per run [N] rad."""
         return [run.command[:, joint] for run in self.runs]
@@ -169,10 +176,13 @@ def prepare(
         base=base, runs=runs, joints=ready, motions=moved, loads=loads,
         healthy=_healthy(ready, tell),
     )  # fmt: skip
-    if base.follows and len(ready) > 1:
-        case = along(case, ready, case.healthy)
-        again = _healthy(case.joints, tell, [fit.x for fit in case.healthy])
+    for _ in range(PASSES if base.follows and len(ready) > 1 else 0):
+        before, old = case.evidence, [fit.x for fit in case.healthy]
+        case = along(case, case.joints, case.healthy)
+        again = _healthy(case.joints, tell, old)
         case = dataclasses.replace(case, healthy=again)
+        if case.evidence - before < RESTS:
+            break
     return case
 
 
