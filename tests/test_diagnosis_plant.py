@@ -161,6 +161,17 @@ def test_friction_behind_the_gear_lets_the_motor_wind_it_up():
 
 def test_a_pulled_joint_follows_what_was_measured():
     one = joint(step_up, rest=1.0)
-    astray, drawn = seen(one), seen(one, pull=200.0)
+    astray, drawn = seen(one), seen(one.drawn(200.0))
     assert abs(astray[-1]) > 0.2
     assert np.abs(drawn).max() < 0.1 * np.abs(astray).max()
+
+
+def test_a_drawn_joint_reads_as_measured_whatever_its_encoder_and_its_clock_do():
+    one = joint(lambda t: 0.0)
+    clock = np.asarray(one.grid.clock)[:, 0]
+    path = jnp.asarray([[wave(t)] for t in clock], jnp.float32)
+    one = one._replace(grid=one.grid._replace(path=path)).drawn(1e3)
+    measured = np.array([wave(t) for t in one.time[0]])
+    for odd in ({}, {"zero_out": 0.1, "scale": 1.1}, {"late": 0.04, "drift": 0.02}):
+        late = slice(20, None)
+        assert seen(one, **odd)[late] == pytest.approx(measured[late], abs=0.012)

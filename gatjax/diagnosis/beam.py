@@ -113,7 +113,7 @@ def _searched(p: Drive, g: Grid, e: Events, noise: Array, odd: Array) -> tuple:
         now, at = x
         beam, parent = jax.lax.cond(now.comes > 0.0, split, stay, beam, now.command)
         old = beam.state
-        new = plant.rigid_step(p, at, beam.held[None], old, STEP)
+        new = plant.rigid_step(p, at, beam.held[None], old.q, old, STEP)
         seen = old.q + now.part * (new.q - old.q) + p.zero_in + p.zero_out
         error = (seen[0] * p.scale[0] - now.reading) / noise
         cost = beam.cost + now.read * 0.5 * jnp.square(error)

@@ -47,7 +47,8 @@ class Joint(NamedTuple):
 
     def drawn(self, rate: float) -> Joint:
         """The same, drawn to its measured motion at a rate in 1/s; 0: not at all."""
-        return self._replace(nominal=self.nominal | {"pull": rate})
+        free = {name: n for name, n in self.nominal.items() if name != "pull"}
+        return self._replace(nominal=free | ({"pull": rate} if rate else {}))
 
     def residual(self, drives: list[dict[str, float]], geared: bool) -> np.ndarray:
         """Measured minus simulated at all valid rows [n, S], rad."""
@@ -68,9 +69,9 @@ class Joint(NamedTuple):
 
     def outcome(self, drives: list[dict[str, float]], geared: bool) -> plant.Outcome:
         """Everything that the simulation gives, on the device."""
-        time = jnp.asarray(self.time, jnp.float32)
+        time, drawn = jnp.asarray(self.time, jnp.float32), "pull" in self.nominal
         return plant.simulate(
-            self.packed(drives), self.grid, time, self.lead, STEP, geared
+            self.packed(drives), self.grid, time, self.lead, STEP, geared, drawn
         )
 
     def packed(self, drives: list[dict[str, float]]) -> laws.Drive:

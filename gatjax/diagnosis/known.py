@@ -15,12 +15,13 @@ from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.case import Case, along, mapped
 from gatjax.diagnosis.claims import Claim, shared_value, uncertainty
 from gatjax.diagnosis.fit import Fit
-from gatjax.diagnosis.hypotheses import Hypothesis, combined, pinned
+from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined, pinned
 from gatjax.diagnosis.joint import Joint
 
 ASTRAY = 3.5  # times the noise that the best explanation leaves: look again
 CHANGED = 3.0  # nats: a joint whose evidence changed less keeps its fits
 SETTLING = 3  # iterations in which joints settle on a value
+REFITTING = 12  # iterations of a claim beside something else
 PASSES = 6  # over the loads that a new claim makes, at most
 
 
@@ -85,12 +86,12 @@ class Known:
         every = range(len(self.joints))
         for _ in range(PASSES if len(self.joints) > 1 else 0):
             old = claim, self.case, self.joints, self.known
-            total = sum(map(self._evidence, every))
+            total = self.evidence()
             self.case = along(self.case, self.joints, self.known)
             self.joints = self._altered(self.case)
             self.known = mapped(self._again, every)
             claim = self._agreed(claim, prior)
-            better = sum(map(self._evidence, every)) - total
+            better = self.evidence() - total
             if better < -CHANGED:
                 claim, self.case, self.joints, self.known = old
             self.accepted[-1] = claim
@@ -158,6 +159,23 @@ class Known:
         fit = self.known[index]
         first = fits.start(self.joints[index], [(fit.hypothesis, fit.x)])
         return fits.improve(self.joints[index], first, 6)[0]
+
+    def refitted(self, claim: Claim) -> Claim:
+        """A claim with its size, beside what is known here about its joints."""
+
+        def one(index: int) -> Fit:
+            joint, known = self.joints[index], self.known[index]
+            owner = combined(known.hypothesis, claim.hypothesis)
+            plain = np.append(np.zeros(COUNT), known.x[COUNT:])
+            points = [(owner, np.append(x, claim.own)) for x in (known.x, plain)]
+            first = fits.improve(joint, fits.start(joint, points), REFITTING)
+            return min(first, key=lambda fit: fit.cost)
+
+        return claim._replace(fits={k: one(k) for k in claim.fits})
+
+    def evidence(self) -> float:
+        """Nats of what is known, all joints together."""
+        return sum(map(self._evidence, range(len(self.joints))))
 
     def score(self, index: int, fit: Fit, joint: Joint | None = None) -> float:
         """Nats of a fit over what is known about a joint."""

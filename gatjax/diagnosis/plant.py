@@ -110,8 +110,8 @@ def driven(
     return new, bristle, done
 
 
-def rigid_step(p: Drive, g: Grid, u: Array, s: Rigid, h: float) -> Rigid:
-    """One step of a joint with a rigid gear."""
+def rigid_step(p: Drive, g: Grid, u: Array, aim: Array, s: Rigid, h: float) -> Rigid:
+    """One step of a joint with a rigid gear: told u, drawn to the angle `aim`."""
     memory, push = laws.servo(p, g, u, s.servo, s.q + p.zero_in, s.v, h)
     inertia, torque = laws.link(p, g, s.q, s.v)
     aside = h * (torque + laws.ripple(p, s.q))
@@ -119,11 +119,11 @@ def rigid_step(p: Drive, g: Grid, u: Array, s: Rigid, h: float) -> Rigid:
     v, bristle, done = driven(p, push, old, inertia + p.armature, 0.0, aside, h)
     through = inertia * (v - s.v) / h - torque
     carried = through + p.by_servo * (done - through)
-    q = s.q + h * (v + p.pull * (g.path[:, None] - s.q))
+    q = s.q + h * (v + p.pull * (aim - s.q))
     return Rigid(q, v, carried, bristle, laws.warmed(p, g, memory, done, h))
 
 
-def geared_step(p: Drive, g: Grid, u: Array, s: Geared, h: float) -> Geared:
+def geared_step(p: Drive, g: Grid, u: Array, aim: Array, s: Geared, h: float) -> Geared:
     """One step of motor, gap with spring, and link."""
     near, far = laws.rubbing(p, 1.0 - p.link_share), laws.rubbing(p, p.link_share)
     seen = s.seen(p) + p.zero_in
@@ -145,7 +145,7 @@ def geared_step(p: Drive, g: Grid, u: Array, s: Geared, h: float) -> Geared:
     through = (spring + tie * (turning - v)) / h
     carried = through + p.by_servo * (done - through)
     memory = laws.warmed(p, g, memory, done, h)
-    pulled = p.pull * (g.path[:, None] - s.seen(p))
+    pulled = p.pull * (aim - s.seen(p))
     turned = s.turned + h * (turning + pulled)
     q = s.q + h * (v + pulled)
     return Geared(q, v, turned, turning, carried, bristle, link_bristle, memory)
@@ -164,9 +164,25 @@ def _delayed(target: Array, delay: Array, h: float) -> Any:
     return at
 
 
-def _simulate(p: Drive, grid: Grid, h: float, geared: bool) -> tuple:
+def _measured(p: Drive, grid: Grid, h: float) -> Any:
+    """Function of a step number: the angle [R, S] that would read as measured."""
+    run = jnp.arange(grid.path.shape[1])[:, None]
+    last = grid.path.shape[0] - 2.0
+
+    def at(k: Array) -> Array:
+        later = (p.late + p.drift * grid.clock[k][:, None]) / (1.0 - p.drift)
+        place = jnp.clip(k + later / h, 0.0, last)
+        whole = jnp.floor(place)
+        part, first = place - whole, whole.astype(jnp.int32)
+        seen = grid.path[first, run] * (1.0 - part) + grid.path[first + 1, run] * part
+        return seen / p.scale - p.zero_in - p.zero_out
+
+    return at
+
+
+def _simulate(p: Drive, grid: Grid, h: float, geared: bool, drawn: bool) -> tuple:
     """Last state, angles at the encoder and of the link [K, R, S]; from rest."""
-    at = _delayed(grid.target.T, p.delay, h)
+    at, aim = _delayed(grid.target.T, p.delay, h), _measured(p, grid, h)
     first = at(jnp.zeros((), jnp.int32))
     zero = jnp.zeros_like(first)
     memory = Servo(first, first, zero, zero)
@@ -177,7 +193,8 @@ def _simulate(p: Drive, grid: Grid, h: float, geared: bool) -> tuple:
 
     def step(state: Any, x: tuple) -> tuple[Any, tuple]:
         k, g = x
-        state = advance(p, g, at(k), state, h)
+        goal = aim(k) if drawn else state.seen(p)
+        state = advance(p, g, at(k), goal, state, h)
         return state, (state.seen(p), state.q if geared else None)
 
     def block(state: Any, x: tuple) -> tuple[Any, tuple]:
@@ -213,11 +230,11 @@ class Outcome(NamedTuple):
 
 
 def _run(
-    p: Drive, grid: Grid, time: Array, lead: int, h: float, geared: bool
+    p: Drive, grid: Grid, time: Array, lead: int, h: float, geared: bool, drawn: bool
 ) -> Outcome:
     p = Drive(*(number[None] for number in p[:-1]), terms=p.terms)
-    state, seen, link = _simulate(p, grid, h, geared)
+    state, seen, link = _simulate(p, grid, h, geared, drawn)
     return Outcome(_read(p, seen, time, lead, h), link, state.servo.heat)
 
 
-simulate = jax.jit(_run, static_argnames=("lead", "h", "geared"))
+simulate = jax.jit(_run, static_argnames=("lead", "h", "geared", "drawn"))

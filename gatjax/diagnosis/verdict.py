@@ -20,6 +20,7 @@ LEAST_SHARE = 0.4  # of the misfit power at its joints that a cause has to expla
 SEEN = 0.3  # times the scatter from tolerances: a smaller change is not a cause
 VISIBLE = 0.5  # the same beside another cause
 SECOND_SHARE = 0.8  # the same where a joint is explained already, but for a little
+DRAWN_SHARE = 0.7  # the same of a further cause at a joint that is drawn
 EXPECTED = 1.3  # misfit power of a right model, in squares of the reading noise
 SPENT = 9.0  # squared deviations: tolerances that imitate a cause instead of a misfit
 ROUGH = 3.5  # the same at a joint with a named cause, whose law is a simplification
@@ -58,6 +59,7 @@ def decide(judge: Judge) -> Verdict:
     causes: list[Cause] = []
     law: Claim | None = None
     claims = judge.claims()
+    fresh: Judge | None = judge.fork()
     while len(causes) < judge.most:
         best = next((c for c in claims if worth_naming(judge, c)), None)
         if best is None:
@@ -72,6 +74,9 @@ def decide(judge: Judge) -> Verdict:
         if causes and cause.probability < LIKELY:
             break
         causes.append(cause._replace(claim=judge.accept(best)))
+        if len(causes) == 2 and fresh is not None:
+            judge, causes = _exchanged(judge, causes, fresh)
+            fresh = None
         if len(causes) == judge.most:
             break
         count = len(judge.joints)
@@ -81,6 +86,37 @@ def decide(judge: Judge) -> Verdict:
         left = sorted({*left, *law.where})
     causes = [_doubted(cause, left) for cause in causes]
     return Verdict(_word(causes, left), causes, left, law, claims, judge)
+
+
+def _exchanged(
+    judge: Judge, causes: list[Cause], fresh: Judge
+) -> tuple[Judge, list[Cause]]:
+    """Two causes at one joint, the first one looked for again beside the second.
+
+    What explains most alone need not be there once the other one is known.
+
+    Args:
+        judge: has accepted both.
+        causes: the two.
+        fresh: a judge that has accepted none.
+    """
+    first, second = causes[0].claim, causes[1].claim
+    if set(first.fits) != set(second.fits) or not len(second.own):
+        return judge, causes
+    alone = fresh.accept(fresh.refitted(second))
+    kept = causes[1]._replace(claim=alone)
+    claims = [c for c in fresh.claims() if not _again(c, [kept], len(fresh.joints))]
+    best = next((c for c in claims if worth_naming(fresh, c)), None)
+    if best is None:
+        enough = judge.evidence() - fresh.evidence() < LATER
+        return (fresh, [kept]) if enough else (judge, causes)
+    if not _whole(fresh, best) or best.says(first):
+        return judge, causes
+    other = _weighed(fresh, best, claims)
+    other = other._replace(claim=fresh.accept(best))
+    still = len(judge.case.pulled) - len(fresh.case.pulled)  # what is drawn looks better
+    better = still > 0 or (still == 0 and fresh.evidence() - judge.evidence() > CLOSE)
+    return (fresh, [kept, other]) if better else (judge, causes)
 
 
 def worth_naming(judge: Judge, claim: Claim) -> bool:
@@ -94,7 +130,8 @@ def worth_naming(judge: Judge, claim: Claim) -> bool:
     if len(claim.fits) > 1 and claim.stance is None and not _whole(judge, claim):
         return False  # one value at several joints has to suit them
     known = {k for accepted in judge.accepted for k in accepted.fits}
-    if set(claim.fits) <= known & set(judge.case.pulled):
+    drawn = set(claim.fits) <= known & set(judge.case.pulled)
+    if drawn and explained(judge, claim) < DRAWN_SHARE:
         return False  # what is drawn looks right to several laws
     again = [k for k in claim.fits if k in known and adequate(judge, k)]
     if len(again) == len(claim.fits) and explained(judge, claim) < SECOND_SHARE:
