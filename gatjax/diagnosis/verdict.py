@@ -114,8 +114,8 @@ def _exchanged(
         return judge, causes
     other = _weighed(fresh, best, claims)
     other = other._replace(claim=fresh.accept(best))
-    still = len(judge.case.pulled) - len(fresh.case.pulled)  # what is drawn looks better
-    better = still > 0 or (still == 0 and fresh.evidence() - judge.evidence() > CLOSE)
+    freed = len(judge.case.pulled) - len(fresh.case.pulled)  # drawn ones look better
+    better = freed > 0 or (freed == 0 and fresh.evidence() - judge.evidence() > CLOSE)
     return (fresh, [kept, other]) if better else (judge, causes)
 
 
