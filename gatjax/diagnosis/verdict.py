@@ -107,16 +107,15 @@ def _exchanged(
     kept = causes[1]._replace(claim=alone)
     claims = [c for c in fresh.claims() if not _again(c, [kept], len(fresh.joints))]
     best = next((c for c in claims if worth_naming(fresh, c)), None)
-    if best is None:
-        enough = judge.evidence() - fresh.evidence() < LATER
-        return (fresh, [kept]) if enough else (judge, causes)
-    if not _whole(fresh, best) or best.says(first):
+    if best is not None and (best.says(first) or not _whole(fresh, best)):
         return judge, causes
-    other = _weighed(fresh, best, claims)
-    other = other._replace(claim=fresh.accept(best))
+    least, found = -LATER, [kept]
+    if best is not None:
+        other = _weighed(fresh, best, claims)
+        least, found = CLOSE, [kept, other._replace(claim=fresh.accept(best))]
     freed = len(judge.case.pulled) - len(fresh.case.pulled)  # drawn ones look better
-    better = freed > 0 or (freed == 0 and fresh.evidence() - judge.evidence() > CLOSE)
-    return (fresh, [kept, other]) if better else (judge, causes)
+    better = fresh.evidence() - judge.evidence() > least
+    return (fresh, found) if freed > 0 or (freed == 0 and better) else (judge, causes)
 
 
 def worth_naming(judge: Judge, claim: Claim) -> bool:
