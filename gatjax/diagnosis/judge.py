@@ -29,7 +29,7 @@ from gatjax.diagnosis.known import ASTRAY, Known
 
 NOISY = 1.7  # times the noise that the best cause leaves: commands may be lost
 STRAYING = 0.3  # of the residual before, that it leaves at least
-DECODED = 2.5  # times the noise at most, that decoded losses leave
+DECODED = 1.7  # times the noise at most, that decoded losses leave
 MOST = 4  # shared causes that are looked into
 BODIES = 2  # bodies that are looked into closely
 RIVAL = 0.4  # of the best gain at a joint: a body cause must come that near

@@ -49,16 +49,14 @@ class Known:
         self.accepted.append(claim)
         for index, fit in claim.fits.items():
             self.known[index] = fit
-        self._draw(dict.fromkeys(set(drawn) & set(claim.fits), 0.0))
-        claim = self._settled(claim, prior)
-        astray = {
-            k: rate for k, rate in drawn.items()
-            if k in claim.fits
-            and self.known[k].rms() > ASTRAY * self.joints[k].noise
-        }  # fmt: skip
-        if astray:
-            self._draw(astray)
-            claim = self._settled(claim, prior)
+        held = set(drawn) & set(claim.fits)
+        state = self.case, self.joints, list(self.known)
+        self._draw(dict.fromkeys(held, 0.0))
+        free = self._settled(claim, prior)
+        if any(self.known[k].rms() > ASTRAY * self.joints[k].noise for k in held):
+            self.case, self.joints, self.known = state
+            free = self._settled(claim, prior)
+        claim = free
         for index, old in enumerate(before):
             moved = abs(self._evidence(index) - old) > CHANGED
             if moved or index in claim.fits:

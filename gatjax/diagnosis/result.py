@@ -16,7 +16,7 @@ from gatjax.effects.catalogue import CATALOGUE
 
 SCHEMA = "gatjax.diagnosis/1"
 DRAWS = 48  # of a cause's coordinates, for its interval
-MODEL_ERROR = 0.2  # of a cause's size: its law is a simplification of the robot's
+MODEL_ERROR = 0.12  # of a cause's size: its law is a simplification of the robot's
 SHOWN = 25  # candidates in the file
 UNITS = {"no_torque_speed": "rad/s"}
 
