@@ -19,6 +19,7 @@ TOLERABLE = 2.2  # times the reading noise: an explanation may leave that much
 LEAST_SHARE = 0.4  # of the misfit power at its joints that a cause has to explain
 SEEN = 0.3  # times the scatter from tolerances: a smaller change is not a cause
 VISIBLE = 0.5  # the same beside another cause
+AGAIN = 20.0  # nats of a further cause where a joint is explained already
 SECOND_SHARE = 0.8  # the same where a joint is explained already, but for a little
 DRAWN_SHARE = 0.7  # the same of a further cause at a joint that is drawn
 EXPECTED = 1.3  # misfit power of a right model, in squares of the reading noise
@@ -133,7 +134,8 @@ def worth_naming(judge: Judge, claim: Claim) -> bool:
     if drawn and explained(judge, claim) < DRAWN_SHARE:
         return False  # what is drawn looks right to several laws
     again = [k for k in claim.fits if k in known and adequate(judge, k)]
-    if len(again) == len(claim.fits) and explained(judge, claim) < SECOND_SHARE:
+    weak = claim.gain < AGAIN or explained(judge, claim) < SECOND_SHARE
+    if len(again) == len(claim.fits) and weak:
         return False
     return judge.visibility(claim) > (VISIBLE if judge.accepted else SEEN)
 
