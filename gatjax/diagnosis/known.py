@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 from collections.abc import Callable
-from typing import Self
+from typing import TypeVar
 
 import numpy as np
 
@@ -23,6 +23,8 @@ CHANGED = 3.0  # nats: a joint whose evidence changed less keeps its fits
 SETTLING = 3  # iterations in which joints settle on a value
 REFITTING = 12  # iterations of a claim beside something else
 PASSES = 6  # over the loads that a new claim makes, at most
+
+Mine = TypeVar("Mine", bound="Known")
 
 
 class Known:
@@ -128,7 +130,7 @@ class Known:
         kept = {k: self.known[k] for k in claim.fits}
         return claim._replace(own=own, fits=kept, covariance=sure)
 
-    def fork(self) -> Self:
+    def fork(self: Mine) -> Mine:
         """The same, but it may accept another claim."""
         other = copy.copy(self)
         other.joints, other.known = list(self.joints), list(self.known)

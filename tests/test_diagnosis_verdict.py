@@ -1,0 +1,91 @@
+"""Two causes at one joint: the first one is looked for again beside the second."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from gatjax.diagnosis import verdict
+from gatjax.diagnosis.claims import Claim
+from gatjax.diagnosis.fit import Fit
+from gatjax.diagnosis.hypotheses import Hypothesis
+from gatjax.diagnosis.judge import Judge
+
+FIT = Fit(
+    None, np.zeros(1), 0.0, np.zeros(1), np.zeros((1, 1)), np.eye(1), 1e-2, False
+)  # fmt: skip
+
+
+def claim(cause, gain=100.0):
+    hypothesis = Hypothesis(
+        cause, "", lambda *_: None, (), (), (), (), lambda *_: {}
+    )  # fmt: skip
+    return Claim(hypothesis, np.zeros(1), (0,), {0: FIT}, gain)
+
+
+class Told(Judge):
+    """A judge of one joint whose evidence is told, by the causes that it accepted."""
+
+    def __init__(self, evidence, found=(), pulled=()):
+        self.told, self.found, self.names = evidence, list(found), []
+        self.case = SimpleNamespace(pulled=dict.fromkeys(pulled, 10.0))
+        self.joints = [None]
+
+    def accept(self, claim):
+        self.names.append(claim.hypothesis.cause)
+        return claim
+
+    def refitted(self, claim):
+        return claim
+
+    def claims(self):
+        return self.found
+
+    def evidence(self):
+        return self.told["+".join(self.names)]
+
+
+@pytest.fixture
+def named(monkeypatch):
+    """Both causes, and what `_exchanged` makes of them, as names."""
+    monkeypatch.setattr(verdict, "worth_naming", lambda judge, claim: True)
+    monkeypatch.setattr(verdict, "_whole", lambda judge, claim: True)
+    causes = [verdict.Cause(claim(n), 0.9, [], []) for n in ("gain", "elastic")]
+
+    def run(judge, fresh):
+        chosen, found = verdict._exchanged(judge, causes, fresh)
+        assert chosen is (judge if found == causes else fresh)
+        return [cause.claim.hypothesis.cause for cause in found]
+
+    return run
+
+
+def test_another_first_cause_takes_the_place_if_it_explains_more(named):
+    told = {"elastic+friction": 20.0}
+    fresh = Told(told, [claim("friction"), claim("gain", 90.0)])
+    assert named(Told({"": 0.0}), fresh) == ["elastic", "friction"]
+
+
+def test_the_first_cause_stays_if_the_other_one_explains_no_more(named):
+    fresh = Told({"elastic+friction": 1.0}, [claim("friction")])
+    assert named(Told({"": 0.0}), fresh) == ["gain", "elastic"]
+
+
+def test_the_first_cause_stays_if_it_is_found_again(named):
+    assert named(Told({}), Told({}, [claim("gain")])) == ["gain", "elastic"]
+
+
+def test_the_first_cause_goes_if_the_second_explains_as_much(named):
+    assert named(Told({"": 0.0}), Told({"elastic": -5.0})) == ["elastic"]
+    assert named(Told({"": 0.0}), Told({"elastic": -50.0})) == ["gain", "elastic"]
+
+
+def test_what_is_drawn_only_looks_better(named):
+    fresh = Told({"elastic": 500.0}, pulled=[0])
+    assert named(Told({"": 0.0}), fresh) == ["gain", "elastic"]
+
+
+def test_what_need_not_be_drawn_any_more_is_better(named):
+    fresh = Told({"elastic+friction": -50.0}, [claim("friction")])
+    judge = Told({"": 0.0}, pulled=[0])
+    assert named(judge, fresh) == ["elastic", "friction"]
