@@ -12,6 +12,7 @@ from gatjax.diagnosis.judge import Judge
 
 TEMPER = 0.5  # of the log evidence, so that probabilities are calibrated
 CERTAIN = 0.8  # probability from which a cause is named
+GUESS = 0.2  # probability that the first cause needs: what beats it is no finding
 LIKELY = 0.5  # probability that a further cause needs to be told at all
 CLOSE = 3.0  # nats: two causes that the data cannot tell apart
 MARGIN = 10.0  # nats by which two named causes must beat an unnamed law
@@ -72,7 +73,7 @@ def decide(judge: Judge) -> Verdict:
                 break
             best = named
         cause = _weighed(judge, best, claims)
-        if causes and cause.probability < LIKELY:
+        if cause.probability < (LIKELY if causes else GUESS):
             break
         causes.append(cause._replace(claim=judge.accept(best)))
         if len(causes) == 2 and fresh is not None:
