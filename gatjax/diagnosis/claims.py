@@ -51,11 +51,6 @@ class Claim(NamedTuple):
         """Where it is."""
         return self.where if self.stance is None else (self.stance.where,)
 
-    def says(self, other: Claim) -> bool:
-        """Whether it is the same cause at the same place."""
-        same = self.hypothesis.cause == other.hypothesis.cause
-        return same and self.place() == other.place()
-
     def moved(self, other: Claim) -> bool:
         """Whether its coordinates left those of another by half a deviation."""
         if self.covariance is None or not len(self.own):

@@ -46,6 +46,11 @@ class Hypothesis(NamedTuple):
     imitator: str = ""  # tolerance that can stand for a little of the cause
     taken: Callable[[Joint, float], float] | None = None  # coordinate for all of it
 
+    @property
+    def newest(self) -> Hypothesis:
+        """The last part of a combination; alone, itself."""
+        return (self.parts or (self,))[-1]
+
     def begins(self, joint: Joint, residual: np.ndarray) -> Starts:
         """Where to start beside what leaves a residual [n]."""
         more = () if self.guess is None else self.guess(joint, residual)

@@ -129,7 +129,7 @@ class Judge(Known):
         for index in range(len(self.joints)):
             for fit in self.found[index]:
                 assert fit.hypothesis is not None
-                newest = (fit.hypothesis.parts or (fit.hypothesis,))[-1]
+                newest = fit.hypothesis.newest
                 count = len(newest.low)
                 own, sure = fit.x[len(fit.x) - count :], uncertainty([fit], count)
                 gain = self.score(index, fit) - occam(newest, own, sure) - PLACE

@@ -66,8 +66,10 @@ def scan(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
 
 def _zoomed(joint: Joint, found: list[Fit]) -> list[Fit]:
     """Starts of laws with steps, each at the best point up to its neighbours."""
-    parts = [(f.hypothesis.parts or (f.hypothesis,)) for f in found if f.hypothesis]
-    widths = {k: own[-1].rung for k, own in enumerate(parts) if own[-1].rung}
+    widths = {
+        k: f.hypothesis.newest.rung for k, f in enumerate(found)
+        if f.hypothesis and f.hypothesis.newest.rung
+    }  # fmt: skip
     out = list(found)
     for _ in range(ZOOMS if widths else 0):
         points = [

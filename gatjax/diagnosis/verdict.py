@@ -109,7 +109,8 @@ def _exchanged(
     kept = causes[1]._replace(claim=alone)
     claims = [c for c in fresh.claims() if not _again(c, [kept], len(fresh.joints))]
     best = next((c for c in claims if worth_naming(fresh, c)), None)
-    if best is not None and (best.says(first) or not _whole(fresh, best)):
+    name = frozenset({first.hypothesis.cause})
+    if best is not None and (_same(best, first, name) or not _whole(fresh, best)):
         return judge, causes
     least, found = -LATER, [kept]
     if best is not None:

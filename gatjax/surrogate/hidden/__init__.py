@@ -20,7 +20,7 @@ from gatjax.surrogate.hidden.places import LEAST
 from gatjax.surrogate.hidden.robots import ROBOTS, robot
 from gatjax.surrogate.hidden.study import Result, run
 
-__all__ = ["LEAST", "MIX", "ROBOTS", "write_cases"]
+__all__ = ["MIX", "ROBOTS", "write_cases"]
 
 JOINTS_A_BATCH = 900  # driven joints of all lanes together; bounds the memory
 LANES = 14  # of a usual case
