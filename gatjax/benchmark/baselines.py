@@ -66,15 +66,18 @@ def problem(model: str, fit: Sequence[str], held: Sequence[str], seed: int) -> P
             cut = to_arrays(recording, joints)
             runs += cut
             seen += [is_fit] * len(cut)
-    case = cases.prepare(
-        cases.held(loaded, runs, seed), runs, lambda stage, share: None
-    )
+    base = cases.held(loaded, runs, seed)
+    case = cases.settled(cases.prepare(base, runs, _silent), _silent)
     rows = np.array(seen)[:, None]
     parts = [
         [joint._replace(valid=joint.valid & mask) for joint in case.joints]
         for mask in (rows, ~rows)
     ]
     return Problem(parts[0], parts[1] if held else [])
+
+
+def _silent(stage: str, share: float) -> None:
+    """Show no progress."""
 
 
 def everywhere(cause: str) -> bool:

@@ -172,11 +172,23 @@ def prepare(
     ready = joints.build(
         base.tree.model, base.tree, names, runs, moved, loads, base.allowed
     )
-    case = Case(
+    return Case(
         base=base, runs=runs, joints=ready, motions=moved, loads=loads,
         healthy=_healthy(ready, tell),
     )  # fmt: skip
-    for _ in range(PASSES if base.follows and len(ready) > 1 else 0):
+
+
+def settled(case: Case, tell: Callable[[str, float], None]) -> Case:
+    """The same case with loads along the motion that tolerances alone make of it.
+
+    Loads along the measured motion carry its noise; those along a fitted motion carry
+    what is wrong with the fit, which may hide a cause.
+
+    Args:
+        case: as prepared.
+        tell: is called with a stage and the share of it that is done.
+    """
+    for _ in range(PASSES if case.base.follows and len(case.joints) > 1 else 0):
         before, old = case.evidence, [fit.x for fit in case.healthy]
         case = along(case, case.joints, case.healthy)
         again = _healthy(case.joints, tell, old)

@@ -11,7 +11,7 @@ from gatjax.diagnosis.hypotheses import Hypothesis
 
 PRICE = 2.0  # nats at least for each coordinate of a cause
 PLACE = 1.0  # nats for each joint that is named by itself
-WORTH = 5.0  # nats: a claim below is no finding
+WORTH = 3.5  # nats: a claim below is no finding
 LATER = 10.0  # the same beside a finding, and of a robot on the floor
 SHARED = (
     "command_delay", "measurement_delay", "first_order_lag", "gain_error",

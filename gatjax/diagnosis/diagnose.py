@@ -27,7 +27,7 @@ from gatjax.diagnosis.floor.judge import StandingJudge
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.measure import Errors
 from gatjax.diagnosis.tolerances import USUAL, Tolerances
-from gatjax.diagnosis.verdict import Verdict, decide
+from gatjax.diagnosis.verdict import Verdict, conclude
 from gatjax.grounding.network import Network
 from gatjax.robot import model as robot_model
 from gatjax.runs import write_json
@@ -83,7 +83,7 @@ def diagnose(
         judge = StandingJudge(prepare(base, logs, tell), base, tell)
     else:
         judge = Judge(prepare(held(model, logs, seed, allowed), logs, tell), tell)
-    verdict = decide(judge)
+    verdict = conclude(judge)
     case = verdict.judge.case
     tell("extend", 0.0)
     nominal = worlds.nominal(Task(control_period=period), source)

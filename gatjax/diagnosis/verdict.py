@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gatjax.diagnosis import case as cases
 from gatjax.diagnosis.claims import LATER, Claim
-from gatjax.diagnosis.hypotheses import Hypothesis
+from gatjax.diagnosis.hypotheses import COUNT, Hypothesis
 from gatjax.diagnosis.judge import Judge
 
 TEMPER = 0.5  # of the log evidence, so that probabilities are calibrated
@@ -25,6 +26,7 @@ SECOND_SHARE = 0.8  # the same where a joint is explained already, but for a lit
 DRAWN_SHARE = 0.7  # the same of a further cause at a joint that is drawn
 EXPECTED = 1.3  # misfit power of a right model, in squares of the reading noise
 SPENT = 9.0  # squared deviations: tolerances that imitate a cause instead of a misfit
+STRAINED = 30.0  # the same of a joint: its tolerances imitate something
 ROUGH = 3.5  # the same at a joint with a named cause, whose law is a simplification
 REST = 0.02  # share of the misfit power that an explanation may leave
 DRAWN_REST = 0.15  # the same of a joint that is drawn to its measured motion
@@ -54,6 +56,28 @@ class Verdict(NamedTuple):
     law: Claim | None  # the unnamed law that explains best, if there is one
     last: list[Claim]  # what was weighed after the last cause, best first
     judge: Judge
+
+
+def conclude(judge: Judge) -> Verdict:
+    """The verdict on settled loads, or on loads along the measured motion.
+
+    Tolerances may take on improbable values to imitate a cause, and move the loads
+    until it is hidden. It then shows on loads along the measured motion, whose noise
+    can look like a cause too: one that is named there has to explain more, on loads
+    along the motion that it makes itself.
+    """
+    start = judge.case
+    case = cases.settled(start, judge.tell)
+    if case is start:
+        return decide(judge)
+    verdict = decide(type(judge)(case, judge.tell))
+    if not any(float(fit.x[:COUNT] @ fit.x[:COUNT]) > STRAINED
+               for fit in verdict.judge.known):  # fmt: skip
+        return verdict
+    other = decide(judge)
+    better = other.judge.evidence() - verdict.judge.evidence() > LATER
+    drawn = len(other.judge.case.pulled) > len(verdict.judge.case.pulled)
+    return other if other.causes and better and not drawn else verdict
 
 
 def decide(judge: Judge) -> Verdict:
