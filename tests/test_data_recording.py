@@ -124,7 +124,10 @@ def test_metadata_of_other_parquet_writers_is_left_out(tmp_path):
 @pytest.mark.parametrize("column", ["time", "position.LKneePitch", "gyro.x"])
 def test_values_that_are_no_numbers_are_refused(column, value):
     line = refusal(changed(column, 2, value))
-    assert f"row 3, column '{column}': {value} is not a number" in line
+    assert f"row 3, column '{column}': {value} is not a number (1 such rows); " in line
+    needed = "cut these rows out of the log"
+    spare = f"list the column under drop in --map if it is not needed, or {needed}"
+    assert line.endswith(f"; {spare if column == 'gyro.x' else needed}")
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
@@ -171,6 +174,7 @@ def test_a_joint_that_the_model_lacks_is_refused_with_close_names():
     line = refusal(renamed("position.LKneePitch", "position.LKneePich"))
     assert "column 'position.LKneePich': the model has no joint 'LKneePich'" in line
     assert "close: LKneePitch" in line
+    assert "with --map, or list its columns under drop there if it does not" in line
     assert line.endswith(", ".join(JOINTS))
 
 
@@ -461,8 +465,12 @@ def test_arrays_follow_the_order_of_the_joints_asked_for():
 
 
 def test_arrays_name_the_joints_that_are_not_recorded():
-    with pytest.raises(ValueError, match=r"no column command\.HeadYaw, position\.Head"):
-        to_arrays(example(), ["LKneePitch", "HeadYaw"])
+    with pytest.raises(ValueError) as caught:
+        to_arrays(example(), ["LKneePitch", "HeadYaw", "HeadPitch"])
+    assert str(caught.value) == (
+        "example: no command and position of HeadYaw, HeadPitch; a joint of the model "
+        "needs both: log it, or remove its actuator from the model"
+    )
 
 
 def test_a_split_keeps_trajectories_whole_and_apart():

@@ -93,7 +93,7 @@ class Diagnose:
     """
 
     model: Path
-    """Robot file (MJCF) to diagnose, its base fixed."""
+    """Robot file (MJCF) to diagnose: its base fixed, or standing on its floor."""
     data: tuple[Path, ...]
     """Recordings to explain, .parquet or .csv; several after one --data."""
     held_out: tuple[Path, ...] = ()

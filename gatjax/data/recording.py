@@ -132,13 +132,7 @@ def check_recording(recording: Recording, joints: Sequence[str]) -> None:
         raise ValueError(f"{recording.name}: no rows")
     _check_names(recording, joints)
     _check_pairs(recording)
-    for column, values in {"time": recording.time, **recording.columns}.items():
-        bad = np.flatnonzero(~np.isfinite(values))
-        if bad.size:
-            raise ValueError(
-                f"{_cell(recording.name, bad[0], column)}: {values[bad[0]]} is not a "
-                f"number ({bad.size} such rows); cut these rows out of the log"
-            )
+    _check_numbers(recording)
     _check_time(recording)
     _check_degrees(recording)
 
@@ -157,7 +151,8 @@ def _check_names(recording: Recording, joints: Sequence[str]) -> None:
             hint = f"; close: {', '.join(close)}" if close else ""
             raise ValueError(
                 f"{recording.name}: column {column!r}: the model has no joint "
-                f"{joint!r}{hint}; it has {', '.join(joints)}"
+                f"{joint!r}{hint}; translate it with --map, or list its columns under "
+                f"drop there if it does not matter; the model has {', '.join(joints)}"
             )
 
 
@@ -179,6 +174,23 @@ def _check_pairs(recording: Recording) -> None:
                 f"{recording.name}: {', '.join(family + joint for joint in alone)} "
                 f"without {', '.join(other + joint for joint in alone)}; "
                 f"a joint needs both, or drop it with --map"
+            )
+
+
+def _check_numbers(recording: Recording) -> None:
+    """Refuses values that are missing or infinite."""
+    for column, values in {"time": recording.time, **recording.columns}.items():
+        bad = np.flatnonzero(~np.isfinite(values))
+        if bad.size:
+            advice = "cut these rows out of the log"
+            if not (column == "time" or column.startswith(("command.", "position."))):
+                advice = (
+                    f"list the column under drop in --map if it is not needed, or "
+                    f"{advice}"
+                )
+            raise ValueError(
+                f"{_cell(recording.name, bad[0], column)}: {values[bad[0]]} is not a "
+                f"number ({bad.size} such rows); {advice}"
             )
 
 

@@ -68,15 +68,15 @@ def to_arrays(recording: Recording, joints: Sequence[str]) -> list[JointRun]:
         ValueError: the recording lacks a command or position of one of the joints.
     """
     missing = [
-        f"{family}.{joint}"
+        joint
         for joint in joints
-        for family in ("command", "position")
-        if f"{family}.{joint}" not in recording.columns
+        if not {f"command.{joint}", f"position.{joint}"} <= recording.columns.keys()
     ]
     if missing:
         raise ValueError(
-            f"{recording.name}: no column {', '.join(missing)}; "
-            f"it has {', '.join(recording.columns)}"
+            f"{recording.name}: no command and position of {', '.join(missing)}; a "
+            f"joint of the model needs both: log it, or remove its actuator from the "
+            f"model"
         )
     command = np.stack([recording.columns[f"command.{j}"] for j in joints], axis=-1)
     angle = np.stack([recording.columns[f"position.{j}"] for j in joints], axis=-1)
