@@ -7,22 +7,24 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import mujoco
 import numpy as np
 
 from gatjax.cli.arguments import Diagnose
 from gatjax.cli.found import fallback_lines, gain_lines, named_lines
 from gatjax.cli.progress import shown
-from gatjax.data import checks
+from gatjax.data import checks, sampling
 from gatjax.data.mapping import ColumnMap, read_map
 from gatjax.data.recording import Recording, check_recording, read_recording
 from gatjax.diagnosis.diagnose import diagnose
+from gatjax.diagnosis.suitable import cautions, check_model
 from gatjax.diagnosis.tolerances import USUAL, read_tolerances
 from gatjax.loop.staged import staged
 from gatjax.report.diagnosis import write_report
 from gatjax.robot import model as robot_model
 from gatjax.runs import write_json
 from gatjax.sim.limbs import floats
+
+SAME_RATE = 1.05  # longest over shortest median period of the files
 
 
 class Logs(NamedTuple):
@@ -43,7 +45,7 @@ def read_logs(verb: Diagnose) -> Logs:
     if not verb.data:
         raise ValueError("--data names no file; give at least one recording")
     model = robot_model.load(verb.model)
-    _check_model(model, verb.model)
+    check_model(model, verb.model)
     _check_twice(verb.data)
     joints = robot_model.joint_names(model)
     ranges = {
@@ -59,12 +61,17 @@ def read_logs(verb: Diagnose) -> Logs:
     base = "floating" if floats(model) else "fixed"
     fit, fit_found = _checked(verb.data, mapping, ranges, base, "fit")
     held, held_found = _checked(verb.held_out, mapping, ranges, base, "held-out")
+    _check_rates([*fit, *held])
     shared = checks.same_data(fit, held)
     if shared is not None:
         raise ValueError(shared)
     found = [*fit_found, *held_found]
     rows = checks.summary(list(zip([*fit, *held], found, strict=True)))
-    return Logs(fit, held, rows)
+    model_rows = [
+        {"file": str(verb.model), "level": "warning", "check": "model", "text": text}
+        for text in cautions(model)
+    ]
+    return Logs(fit, held, [*model_rows, *rows])
 
 
 def _checked(
@@ -85,7 +92,8 @@ def _checked(
                 f"{path}: metadata base is {stated}, but that of the model is {base}; "
                 f"give the model of the robot as it was logged"
             )
-        found.append(checks.trusted(log, ranges, role))
+        log, short = sampling.lasting(log)
+        found.append([*short, *checks.trusted(log, ranges, role)])
         logs.append(log)
     return logs, found
 
@@ -99,35 +107,14 @@ def _check_twice(paths: Sequence[Path]) -> None:
         seen.add(path.resolve())
 
 
-def _check_model(model: mujoco.MjModel, path: Path) -> None:
-    """Refuse robots that the engine cannot simulate joint by joint."""
-    if (model.jnt_type[1:] == mujoco.mjtJoint.mjJNT_FREE).any():
+def _check_rates(logs: Sequence[Recording]) -> None:
+    """Refuse files of different rates: horizons and periods are those of all."""
+    periods = [(float(np.median(np.diff(log.time))), log.name) for log in logs]
+    (least, fast), (most, slow) = min(periods), max(periods)
+    if most > SAME_RATE * least:
         raise ValueError(
-            f"{path}: a free joint that is not the robot's base; gatjax diagnose needs "
-            f"a model of the robot and its floor alone, its base first"
-        )
-    touching = np.flatnonzero(model.geom_contype | model.geom_conaffinity)
-    if floats(model) and (model.body_weldid[model.geom_bodyid[touching]] != 0).all():
-        raise ValueError(
-            f"{path}: the base floats (a free joint), and there is no ground to stand "
-            f"on; add a plane, or take the free joint out and log the robot hanging"
-        )
-    if model.nu == 0:
-        raise ValueError(f"{path}: no actuators; give every driven joint a <position>")
-    robot_model.joint_names(model)
-    kp, position = model.actuator_gainprm[:, 0], model.actuator_biasprm[:, 1]
-    is_servo = (
-        (model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED)
-        & (model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE)
-        & (model.actuator_dyntype == mujoco.mjtDyn.mjDYN_NONE)
-        & (kp > 0.0)
-        & np.isclose(kp, -position)
-    )
-    if not is_servo.all():
-        name = model.actuator(int(np.flatnonzero(~is_servo)[0])).name
-        raise ValueError(
-            f"{path}: actuator {name!r} is no position servo; gatjax diagnose needs "
-            f'<position kp=".." kv=".." joint=".."/> at every driven joint'
+            f"{slow} has a row every {1e3 * most:.1f} ms, {fast} every "
+            f"{1e3 * least:.1f} ms; diagnose files of one rate together"
         )
 
 

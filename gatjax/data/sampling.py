@@ -13,8 +13,34 @@ from gatjax.data.trajectories import GAP, RATE_TOLERANCE, JointRun
 SLOWEST, FASTEST = 1.0, 1e-4  # s, no log of a servo has periods outside of these
 SLOW = 0.05  # s, the longest period that delays and reversals can be seen with
 COARSE = 0.01  # rad, half a degree: coarser steps hide most effects
+LASTING, ROWS = 1.0, 30  # s and rows of the shortest trajectory
 CALM = 16  # samples that noise is measured over at a time
 OUTSIDE = 0.2  # of the joint's range: further outside it is a unit, not a slip
+
+
+def lasting(recording: Recording) -> tuple[Recording, list[Finding]]:
+    """Leave out trajectories too short to tell anything of, with a warning.
+
+    Raises:
+        ValueError: none is long enough.
+    """
+    names, index = np.unique(recording.trajectory, return_inverse=True)
+    ends = [recording.time[recording.trajectory == name][[0, -1]] for name in names]
+    lasts = np.ptp(ends, axis=1) >= LASTING
+    good = lasts & (np.bincount(index) >= ROWS)
+    if good.all():
+        return recording, []
+    need = f"lasts {LASTING:g} s and has {ROWS} rows"
+    if not good.any():
+        raise ValueError(f"{recording.name}: no trajectory {need}; log longer ones")
+    kept = good[index]
+    some = recording._replace(
+        time=recording.time[kept], trajectory=recording.trajectory[kept],
+        columns={name: column[kept] for name, column in recording.columns.items()},
+    )  # fmt: skip
+    text = f"{recording.name}: {np.sum(~good)} of {len(good)} trajectories left out, "
+    values = {"left_out": float(np.sum(~good))}
+    return some, [Finding("warning", "length", text + f"none of which {need}", values)]
 
 
 def check_rate(recording: Recording, runs: Sequence[JointRun]) -> list[Finding]:

@@ -37,7 +37,7 @@ from gatjax.sim.world import World
 from gatjax.task import Task
 
 Tell = Callable[[str, float], None]
-RATES = (100.0, 250.0 / 3.0, 50.0)
+RATES = (50.0, 250.0 / 3.0, 100.0)  # Hz, of control
 
 
 def cut(recordings: list[Recording], joints: tuple[str, ...]) -> list[JointRun]:
@@ -46,10 +46,12 @@ def cut(recordings: list[Recording], joints: tuple[str, ...]) -> list[JointRun]:
 
 
 def control_period(runs: list[JointRun]) -> float:
-    """Period of the logs, s: the nominal one if a common rate is near."""
+    """Median period of the logs, s; that of whole Hz or of a usual rate if near."""
     period = float(np.median(np.concatenate([np.diff(run.time) for run in runs])))
-    near = [1.0 / rate for rate in RATES if abs(rate * period - 1.0) < 0.02]
-    return near[0] if near else round(period, 3)
+    whole = float(round(1.0 / period))
+    if abs(whole * period - 1.0) < 0.001:
+        return 1.0 / whole
+    return next((1.0 / r for r in RATES if abs(r * period - 1.0) < 0.02), period)
 
 
 def diagnose(
@@ -86,7 +88,7 @@ def diagnose(
     verdict = conclude(judge)
     case = verdict.judge.case
     tell("extend", 0.0)
-    nominal = worlds.nominal(Task(control_period=period), source)
+    nominal = worlds.nominal(Task(control_period=period), source, extend.TIMESTEP)
     world, predicted = _extended(verdict, source, period, logs, unseen)
     out.mkdir(parents=True, exist_ok=True)
     rows = [result.cause_row(verdict, cause, seed) for cause in verdict.causes]
@@ -193,6 +195,8 @@ def _ahead(
     """Rows of the short horizons, which start from measured states."""
     period = nominal.task.control_period
     cut = measure.windows(unseen, period)
+    if cut is None:
+        return []
     played = {
         "before": measure.windowed(nominal, cut, period),
         "after": measure.windowed(world, cut, period),

@@ -27,6 +27,10 @@ FIRST = 8.0  # times the noise that a right pattern may leave at first
 SHARPER = 0.7  # of what a pattern left: what the next one may leave
 BETTER, PATIENCE = 0.97, 3  # of the best residual: rounds that may leave more
 DONE = 1.2  # times the noise: no better pattern is looked for
+DECODED = 1.7  # times the noise at most, that decoded losses leave
+NEAR = 6.0  # times the noise that a first search leaves: other starts may do better
+SCOUTS, SPREAD = 6, 1.5  # starts beside the nominal one; tolerances of theirs
+SCOUTING, FOLLOWED = 3, 2  # rounds of a scout; the best that are followed
 
 
 class Losses(NamedTuple):
@@ -85,10 +89,41 @@ def find(joint: Joint, base: Fit, commands: list[np.ndarray]) -> Losses:
             fitted afresh.
         commands: of each run [N], rad.
     """
+    plain = np.append(np.zeros(COUNT), base.x[COUNT:])
+    first = _turns(joint, base, commands, (plain, FIRST * joint.noise), ROUNDS)
+    if not DECODED < first.fit.rms() / joint.noise < NEAR:
+        return first
+    draw = np.random.default_rng(joint.index)
+    tried = [first]
+    for _ in range(SCOUTS):
+        x = np.append(draw.normal(scale=SPREAD, size=COUNT), base.x[COUNT:])
+        tried.append(_turns(joint, base, commands, (x, FIRST * joint.noise), SCOUTING))
+    tried.sort(key=lambda losses: losses.fit.rms())
+    for losses in tried[:FOLLOWED]:
+        state = losses.fit.x, SHARPER * losses.fit.rms()
+        tried.append(_turns(joint, base, commands, state, ROUNDS))
+    return min(tried, key=lambda losses: losses.fit.rms())
+
+
+def _turns(
+    joint: Joint,
+    base: Fit,
+    commands: list[np.ndarray],
+    state: tuple[np.ndarray, float],
+    rounds: int,
+) -> Losses:
+    """Search for a pattern and fit of the tolerances in turns; the best of the rounds.
+
+    Args:
+        joint: with the full commands.
+        base: what is known.
+        commands: of each run [N], rad.
+        state: coordinates to start from, and what a right pattern may leave, rad.
+        rounds: at most.
+    """
     owner = combined(base.hypothesis, LOST)
-    x = plain = np.append(np.zeros(COUNT), base.x[COUNT:])
-    noise, odd, best, worse = FIRST * joint.noise, 1.0, None, 0
-    for _ in range(ROUNDS):
+    (x, noise), odd, best, worse = state, 1.0, None, 0
+    for _ in range(rounds):
         lost = [
             beam.lost(joint, base.hypothesis, x, (run, command), noise, odd)
             for run, command in enumerate(commands)
@@ -102,8 +137,7 @@ def find(joint: Joint, base: Fit, commands: list[np.ndarray]) -> Losses:
             best = Losses(lost, now, fit, price)
         if worse == PATIENCE or fit.rms() < DONE * joint.noise:
             break
-        x = fit.x if fit.rms() < 4.0 * joint.noise else plain
-        noise = max(fits.LEFT * joint.noise, SHARPER * fit.rms())
+        x, noise = fit.x, max(fits.LEFT * joint.noise, SHARPER * fit.rms())
         odd = float(np.clip(np.log(1.0 / share(lost) - 1.0), -1.0, ODDS))
     assert best is not None
     return best

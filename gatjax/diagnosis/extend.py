@@ -132,8 +132,7 @@ def extended(
         period: control period, s.
         rows: from `calibration`, or none.
     """
-    step = period / np.ceil(period / TIMESTEP)
-    world = worlds.nominal(Task(control_period=period), source, float(step))
+    world = worlds.nominal(Task(control_period=period), source, TIMESTEP)
     for cause in verdict.causes:
         claim = cause.claim
         where = places(verdict.judge, claim)

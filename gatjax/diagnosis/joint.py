@@ -20,6 +20,7 @@ ROWS = 256  # readings of a run are padded to a multiple, to share compilations
 TRANSPORT = 0.0012  # s, nominal way of a command to the servo
 CREEP = 0.06  # rad/s, speed at which stiction has faded
 GRAVITY = ("gravity_x", "gravity_y", "gravity_z")  # in `nominal`, m/s^2
+UNLIMITED = 1e5  # N m: a limit of that size is none
 GIVE = 3e-4  # rad, that dry friction yields before it slips
 
 
@@ -90,12 +91,17 @@ class Joint(NamedTuple):
 def nominal_drive(model: mujoco.MjModel, tree: weights.Tree, index: int) -> dict:
     """Numbers of a position servo and its joint as the model file gives them."""
     moves = tree.moves[:, index]
-    limited = model.actuator_forcelimited[index]
+    held = model.actuator_trnid[index, 0]
+    limits = [UNLIMITED]
+    if model.actuator_forcelimited[index]:
+        limits.append(float(model.actuator_forcerange[index, 1]))
+    if model.jnt_actfrclimited[held]:
+        limits.append(float(np.abs(model.jnt_actfrcrange[held]).min()))
     gravity = dict(zip(GRAVITY, map(float, model.opt.gravity), strict=True))
     return gravity | {
         "kp": float(model.actuator_gainprm[index, 0]),
         "kv": float(-model.actuator_biasprm[index, 2]),
-        "limit": float(model.actuator_forcerange[index, 1]) if limited else 1e3,
+        "limit": min(limits),
         "damping": float(np.square(moves) @ model.dof_damping),
         "friction": float(np.abs(moves) @ model.dof_frictionloss),
         "armature": float(np.square(moves) @ model.dof_armature),
@@ -103,6 +109,12 @@ def nominal_drive(model: mujoco.MjModel, tree: weights.Tree, index: int) -> dict
         "speed": 1e6, "scale": 1.0,
         "cooling": 20.0, "stiffness": 1e3,
     }  # fmt: skip
+
+
+def _asked(runs: list[JointRun], index: int, kp: float) -> float:
+    """A torque, N m, that no servo without a limit would have reached in some runs."""
+    far = [np.abs(run.command - run.angle)[:, index].max() for run in runs]
+    return 1.5 * kp * float(max(far))
 
 
 def supply_load(
@@ -167,6 +179,8 @@ def build(
     joints = []
     for index, name in enumerate(names):
         drive = nominal_drive(model, tree, index)
+        if drive["limit"] >= UNLIMITED:
+            drive["limit"] = _asked(runs, index, drive["kp"])
 
         def series(columns: list[np.ndarray], points: np.ndarray) -> Any:
             parts = [motions.spread(time, points, column) for column in columns]

@@ -29,7 +29,6 @@ from gatjax.diagnosis.known import ASTRAY, Known
 
 NOISY = 1.7  # times the noise that the best cause leaves: commands may be lost
 STRAYING = 0.3  # of the residual before, that it leaves at least
-DECODED = 1.7  # times the noise at most, that decoded losses leave
 MOST = 4  # shared causes that are looked into
 BODIES = 2  # bodies that are looked into closely
 RIVAL = 0.4  # of the best gain at a joint: a body cause must come that near
@@ -310,7 +309,7 @@ class Judge(Known):
             first = fits.start(joint, [(known.hypothesis, known.x)])
             known = fits.improve(joint, first, 6)[0]
         loss = drops.find(joint, known, self.case.commands(index))
-        if loss.fit.rms() > DECODED * joint.noise:
+        if loss.fit.rms() > drops.DECODED * joint.noise:
             return None
         gain = fits.evidence(loss.joint, loss.fit) - fits.evidence(joint, known)
         gain -= loss.price + PLACE

@@ -3,7 +3,7 @@
 A joint of a fixed robot obeys (Featherstone 2008, eq. 6.1, one row)
 
     M_jj(q) q''_j + rest_j = servo torque - damping q'_j - dry friction,
-    rest_j = bias_j(q, q') + sum_{k != j} M_jk(q) q''_k.
+    rest_j = bias_j(q, q') - spring_j(q) + sum_{k != j} M_jk(q) q''_k.
 
 All other joints were measured, so M_jj and rest_j are known functions of time, and each
 joint can be simulated alone: the cost of a diagnosis is linear in the joints.
@@ -18,6 +18,7 @@ import numpy as np
 
 from gatjax.diagnosis.motion import Motion
 from gatjax.diagnosis.tolerances import Tolerances
+from gatjax.sim.episode import ties
 
 DRAWS = 40  # perturbed bodies
 TERMS = 4  # load shapes that body tolerances may add
@@ -46,11 +47,9 @@ class Tree:
         self.moves = np.zeros((model.nv, len(joints)))
         self.moves[dofs, np.arange(len(joints))] = 1.0
         self.ties: list[tuple[int, int, np.ndarray]] = []
-        for index in np.flatnonzero(model.eq_type == mujoco.mjtEq.mjEQ_JOINT):
-            follower, leader = model.eq_obj1id[index], model.eq_obj2id[index]
+        for follower, leader, ratio in zip(*ties(model), strict=True):
             if follower in joints or leader not in joints:
                 continue
-            ratio = model.eq_data[index, :5]
             column = int(np.flatnonzero(joints == leader)[0])
             self.moves[model.jnt_dofadr[follower], column] = ratio[1]
             self.ties.append((model.jnt_qposadr[follower], column, ratio))
@@ -60,7 +59,9 @@ class Tree:
         qpos = np.tile(self.model.qpos0, (len(position), 1))
         qpos[:, self.qpos] = position
         for address, column, ratio in self.ties:
-            qpos[:, address] = np.polyval(ratio[::-1], position[:, column])
+            turned = position[:, column] - self.model.qpos0[self.qpos[column]]
+            qpos[:, address] = self.model.qpos0[address]
+            qpos[:, address] += np.polyval(ratio[::-1], turned)
         return qpos
 
     def loads(self, model: mujoco.MjModel, motion: Motion, rows: np.ndarray) -> Load:
@@ -75,7 +76,7 @@ class Tree:
             mujoco.mj_fwdPosition(model, data)
             mujoco.mj_fwdVelocity(model, data)
             mujoco.mj_fullM(model, data, dense[row])
-            bias[row] = data.qfrc_bias
+            bias[row] = data.qfrc_bias - data.qfrc_spring - data.qfrc_gravcomp
         reduced, pushed = moves.T @ dense @ moves, motion.acceleration[rows]
         inertia = np.diagonal(reduced, axis1=1, axis2=2).copy()
         rest = bias @ moves - inertia * pushed
@@ -97,7 +98,8 @@ class Tree:
                     mujoco.mj_kinematics(model, data)
                     mujoco.mj_comPos(model, data)
                     mujoco.mj_fwdVelocity(model, data)
-                    load = float(self.moves[:, joint] @ data.qfrc_bias)
+                    force = data.qfrc_bias - data.qfrc_spring - data.qfrc_gravcomp
+                    load = float(self.moves[:, joint] @ force)
                     slope[row, joint] += sign * load / (2.0 * step)
         return slope
 

@@ -19,7 +19,7 @@ from gatjax.grounding.gat import learn_forward, next_angle
 from gatjax.grounding.network import Network
 from gatjax.grounding.transitions import HISTORY
 from gatjax.robot.model import slots
-from gatjax.sim.episode import coupled
+from gatjax.sim.episode import coupled_speed
 from gatjax.sim.limbs import floats, put_down
 from gatjax.sim.native import Native
 from gatjax.sim.replay import replay_many
@@ -105,18 +105,25 @@ class Windows(NamedTuple):
     block: np.ndarray
 
 
-def windows(runs: list[JointRun], period: float) -> Windows:
-    """Cut runs into windows of the longest horizon after a warm-up."""
+def windows(runs: list[JointRun], period: float) -> Windows | None:
+    """Cut runs into windows of the longest horizon after a warm-up, if there are any.
+
+    None of them lacks a row.
+    """
     warm, length = round(WARM / period) + BACK, round(0.5 / period)
     stride, rows = max(1, round(STRIDE / period)), []
     for number, run in enumerate(runs):
         for first in range(0, len(run.time) - warm - length, stride):
             part = slice(first, first + warm + length)
+            if np.diff(run.time[part]).max() > 1.5 * period:
+                continue  # rows are missing
             past = slice(first + warm - BACK, first + warm)
             time = run.time[past] - run.time[first + warm - 1]
             slope = np.polyfit(time, run.angle[past], 2)[1]
             block = number * 1000 + int(run.time[first] / BLOCK)
             rows.append((run.command[part], run.angle[part], slope, block))
+    if not rows:
+        return None
     return Windows(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
@@ -128,9 +135,8 @@ def windowed(world: World, cut: Windows, period: float) -> np.ndarray:
     qpos = np.stack([put_down(world.model, angle) for angle in start])
     qvel = np.zeros((len(qpos), model.nv))
     qvel[:, where.velocity] = cut.velocity
-    dofs = [model.jnt_dofadr[ids] for ids in (model.eq_obj1id, model.eq_obj2id)]
-    if len(coupled(model)[0]):
-        qvel[:, dofs[0]] = qvel[:, dofs[1]]
+    follower, follows = coupled_speed(model, qpos, qvel)
+    qvel[:, follower] = follows
     # Row t holds the angle when command t comes into force: command warm - 1 acts
     # from the start on.
     commands = cut.command[:, :-1]

@@ -231,13 +231,13 @@ def _pair(judge: Judge, claims: list[Claim], law: Claim) -> Claim | None:
     ][:2]  # fmt: skip
     for first in named:
         trial = judge.fork()
-        trial.accept(first)
-        second = trial.claims()[0]
-        both = first.gain + second.gain
-        enough = explained(trial, second) > LEAST_SHARE
-        if second.hypothesis.cause and second.gain > LATER and enough:
-            if law.hypothesis.cause or both > law.gain + MARGIN:
-                return first
+        known = _weighed(judge, first, claims)._replace(claim=trial.accept(first))
+        left = [c for c in trial.claims() if not _again(c, [known], len(trial.joints))]
+        second = next((c for c in left if worth_naming(trial, c)), None)
+        if second is None or not _whole(trial, second):
+            continue
+        if law.hypothesis.cause or first.gain + second.gain > law.gain + MARGIN:
+            return first
     return None
 
 

@@ -13,7 +13,7 @@ from gatjax.grounding.transitions import HISTORY
 from gatjax.records import JOINTS
 from gatjax.robot.nao import WALKING, WALKING_JOINTS
 from gatjax.sim.backend import Backend
-from gatjax.sim.episode import coupled
+from gatjax.sim.episode import coupled, coupled_speed
 from gatjax.sim.world import World
 
 Array = Any
@@ -57,13 +57,13 @@ def _state(world: World, angle: Array, base: Array, seconds: float) -> tuple:
     qvel = np.zeros((len(angle), model.nv))
     qpos[:, :7] = base[:, 2]
     qpos[:, slots] = angle[:, 2]
-    follower, leader = coupled(model)
-    qpos[:, follower] = qpos[:, leader]
+    follower, follows = coupled(model, qpos)
+    qpos[:, follower] = follows
     qvel[:, :3] = _slope(base[..., :3], seconds)
     qvel[:, 3:6] = _spin(base[:, 1, 3:], base[:, 2, 3:], seconds)
     qvel[:, dofs] = _slope(angle, seconds)
-    coupled_dofs = model.jnt_dofadr[model.eq_obj1id], model.jnt_dofadr[model.eq_obj2id]
-    qvel[:, coupled_dofs[0]] = qvel[:, coupled_dofs[1]]
+    follower, follows = coupled_speed(model, qpos, qvel)
+    qvel[:, follower] = follows
     return qpos, qvel
 
 
@@ -93,12 +93,12 @@ def _standing_height(model: mujoco.MjModel, base: Array, recording: Recording) -
     """Torso height [N] m that puts the lowest collision sphere on the floor."""
     angle = np.stack([recording.columns[f"position.{name}"] for name in JOINTS], -1)
     slots = model.jnt_qposadr[model.actuator_trnid[:, 0]]
-    follower, leader = coupled(model)
     feet = (model.geom_conaffinity > 0) & (model.geom_bodyid > 0)
     data, height = mujoco.MjData(model), np.zeros(len(base))
     for row in range(len(base)):
         data.qpos[:7], data.qpos[slots] = base[row], angle[row]
-        data.qpos[follower] = data.qpos[leader]
+        follower, follows = coupled(model, data.qpos)
+        data.qpos[follower] = follows
         mujoco.mj_kinematics(model, data)
         height[row] = -(data.geom_xpos[feet, 2] - model.geom_size[feet, 0]).min()
     return height

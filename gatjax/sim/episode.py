@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from gatjax import task as tasks
 from gatjax.records import Base, Outcome, Reading, Sensed, Signal, Trajectory
@@ -80,8 +81,8 @@ def start(world: World, slots: Slots, policy: Array, key: Array) -> Start:
     disturbance = START_ANGLE * jax.random.normal(angle_key, angle.shape, policy.dtype)
     low, high = jnp.asarray(nao.LOW, policy.dtype), jnp.asarray(nao.HIGH, policy.dtype)
     qpos = qpos.at[slots.position].set(jnp.clip(angle + disturbance, low, high))
-    follower, leader = coupled(model)
-    qpos = qpos.at[follower].set(qpos[leader])
+    follower, follows = coupled(model, qpos)
+    qpos = qpos.at[follower].set(follows)
     qvel = jnp.zeros(model.nv, policy.dtype)
     push = START_VELOCITY * jax.random.normal(velocity_key, (2,), policy.dtype)
     spin = START_SPIN * jax.random.normal(spin_key, (3,), policy.dtype)
@@ -91,11 +92,43 @@ def start(world: World, slots: Slots, policy: Array, key: Array) -> Start:
     return Start(qpos, qvel, settle + jax.random.randint(go_key, (), 0, latest + 1))
 
 
-def coupled(model: Any) -> tuple[Any, Any]:
-    """Positions in qpos of joints that equal another: (followers, leaders)."""
-    joints = model.eq_type == 2  # mjEQ_JOINT
-    ids = model.eq_obj1id[joints], model.eq_obj2id[joints]
-    return model.jnt_qposadr[ids[0]], model.jnt_qposadr[ids[1]]
+def ties(model: Any) -> tuple[Any, Any, Any]:
+    """Joints that follow another: ids of followers and leaders, polynomials [E, 5].
+
+    follower - its qpos0 = polynomial(leader - its qpos0), MuJoCo's joint equality.
+    """
+    tied = (model.eq_type == 2) & (model.eq_obj2id >= 0) & model.eq_active0.astype(bool)
+    return model.eq_obj1id[tied], model.eq_obj2id[tied], model.eq_data[tied, :5]
+
+
+def coupled(model: Any, qpos: Array) -> tuple[Any, Array]:
+    """Places in qpos of joints that follow another, and their positions.
+
+    Args:
+        model: of the robot.
+        qpos: [..., nq], the leaders in place.
+
+    Returns:
+        Indices [E] and positions [..., E] of the followers, rad.
+    """
+    followers, leaders, polynomials = ties(model)
+    addresses = model.jnt_qposadr[followers], model.jnt_qposadr[leaders]
+    turned = qpos[..., addresses[1]] - model.qpos0[addresses[1]]
+    position = model.qpos0[addresses[0]] + 0.0 * turned
+    for power in range(5):
+        if polynomials[:, power].any():
+            position = position + polynomials[:, power] * turned**power
+    return addresses[0], position
+
+
+def coupled_speed(model: Any, qpos: Array, qvel: Array) -> tuple[Any, Array]:
+    """Places in qvel of joints that follow another, and their speeds [..., E] rad/s."""
+    followers, leaders, polynomials = ties(model)
+    addresses = model.jnt_qposadr[leaders]
+    turned = qpos[..., addresses] - model.qpos0[addresses]
+    powers = turned[..., None] ** np.arange(4) * np.arange(1, 5)
+    slope = (polynomials[:, 1:] * powers).sum(-1)
+    return model.jnt_dofadr[followers], slope * qvel[..., model.jnt_dofadr[leaders]]
 
 
 def open_loop(world: World, values: Values, policy: Array, plant: Plant) -> Loop:

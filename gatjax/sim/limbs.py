@@ -21,8 +21,8 @@ def put_down(model: mujoco.MjModel, angle: np.ndarray) -> np.ndarray:
     data, floating = mujoco.MjData(model), floats(model)
     data.qpos[:] = home_of(model)
     data.qpos[slots(model).position] = angle
-    follower, leader = coupled(model)
-    data.qpos[follower] = data.qpos[leader]
+    follower, follows = coupled(model, data.qpos)
+    data.qpos[follower] = follows
     if floating:
         mujoco.mj_kinematics(model, data)
         touching = np.flatnonzero(model.geom_contype | model.geom_conaffinity)

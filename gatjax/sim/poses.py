@@ -31,8 +31,8 @@ def states(model: mujoco.MjModel, trajectory: Trajectory) -> Array:
     qpos[:, :3] = trajectory.base.position
     qpos[:, 3:7] = trajectory.base.quaternion
     qpos[:, find_slots(model).position] = trajectory.reading.angle
-    follower, leader = coupled(model)
-    qpos[:, follower] = qpos[:, leader]
+    follower, follows = coupled(model, qpos)
+    qpos[:, follower] = follows
     return qpos
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -92,14 +93,12 @@ def nominal(
     Args:
         task: what is asked of it, and the control period.
         source: MJCF file, or "nao".
-        timestep: physics step in s; the file's if left out. A servo's angle is wrong by
-            what it moves in about half a step.
+        timestep: physics step in s; the file's if left out, shortened until it divides
+            the control period. A servo's angle is wrong by what it moves in about half
+            a step.
     """
     model = robot_model.load(source, timestep)
-    period, step = task.control_period, model.opt.timestep
-    if abs(period / step - round(period / step)) > 1e-6:
-        step = 0.005 if abs(period / 0.005 - round(period / 0.005)) < 1e-6 else 0.002
-        model.opt.timestep = step
+    model.opt.timestep = dividing(task.control_period, model.opt.timestep)
     return World(
         model=model,
         task=task,
@@ -109,6 +108,13 @@ def nominal(
         values=Values(command={}, motor={}, sensor={"noise": SENSOR_NOISE}, body={}),
         source=str(source),
     )
+
+
+def dividing(period: float, step: float) -> float:
+    """The longest physics step up to `step` that divides a control period, both s."""
+    parts = period / step
+    whole = abs(parts - round(parts)) < 1e-6 and parts > 0.5
+    return step if whole else period / math.ceil(parts)
 
 
 def add_command(world: World, name: str, effect: Effect, params: Any) -> World:

@@ -30,6 +30,7 @@ PROMISING = 3.0  # nats: else a value is not looked into again
 STEP = 0.002  # rad, of finite differences
 TOLERATED = {"sole_geometry": (0, 0.19), "ground_compliance": (1, 0.29)}
 """Node, and share of its change, that is a tolerance: 0.15 mm; a fifth of the time."""
+INERTIAL = ("gyro", "accelerometer", "orientation")  # what an inertial unit says
 AXES = ("roll", "pitch", "yaw")
 
 
@@ -65,7 +66,8 @@ def claims(scene: Scene, tell: Callable[[str, float], None]) -> list[FloorClaim]
         scene: the robot and what is known of it.
         tell: is called with a stage and the share of it that is done.
     """
-    found = [_imu(scene)]
+    unit = any(name.partition(".")[0] in INERTIAL for name in scene.seen.names)
+    found = [_imu(scene)] if unit else []
     for number, suspect in enumerate(scene.suspects):
         tell("floor", number / len(scene.suspects))
         fitted = _leaning if len(suspect.axes) > 1 else _along
@@ -173,10 +175,10 @@ def _imu(scene: Scene) -> FloorClaim:
 def _askew(row: Rows, angles: np.ndarray) -> Rows:
     """Rows of an inertial unit whose axes are turned by roll, pitch, yaw rad."""
     axes = np.stack([turned(axis, angles) for axis in np.eye(3)])
+    seen = {name: getattr(row, name) for name in ("gyro", "accelerometer", "up")}
     return row._replace(
-        gyro=row.gyro @ axes.T, accelerometer=row.accelerometer @ axes.T,
-        up=row.up @ axes.T,
-    )  # fmt: skip
+        **{name: rows @ axes.T for name, rows in seen.items() if rows.shape[-1]}
+    )
 
 
 def _leaning(scene: Scene, suspect: Suspect, seen: np.ndarray) -> FloorClaim:

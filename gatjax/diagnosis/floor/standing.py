@@ -21,7 +21,7 @@ from gatjax.diagnosis.loads import COARSE, Loads, Tree
 from gatjax.diagnosis.measure import fallen
 from gatjax.diagnosis.motion import FINE, Motion, grid_time, smoothed
 from gatjax.diagnosis.tolerances import USUAL, Tolerances
-from gatjax.sim.world import World
+from gatjax.sim.world import World, dividing
 
 LEAST = 2.0  # s: a shorter run is left out
 BEFORE = 0.3  # s before a fall that are left out: it has begun
@@ -105,7 +105,7 @@ def prepare(
     found = []
     for number, step in enumerate(tolerances.STEPS):
         tell("stand", number / len(tolerances.STEPS))
-        world = tolerances.timed(world_of(model, period, step))
+        world = tolerances.timed(world_of(model, period, dividing(period, step)))
         count = tolerances.DRAWS // len(tolerances.STEPS)
         robots = tolerances.draws(model, allowed, count, seed + number)
         values = [tolerances.values_of(world, robot) for robot in robots]
@@ -125,7 +125,8 @@ def upright(
     Raises:
         ValueError: no run of LEAST seconds is left.
     """
-    world = tolerances.timed(world_of(model, period, tolerances.STEPS[0]))
+    step = dividing(period, tolerances.STEPS[0])
+    world = tolerances.timed(world_of(model, period, step))
     left = []
     for row, run, logged in zip(
         replayed(world, runs, [world.values]), runs, channels, strict=True

@@ -1,0 +1,86 @@
+"""Which models can be diagnosed: what the single-joint simulation does not know."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from gatjax.robot import model as robot_model
+from gatjax.sim.episode import ties
+from gatjax.sim.limbs import floats
+
+
+def check_model(model: mujoco.MjModel, path: Path) -> None:
+    """Refuse robots that cannot be simulated joint by joint.
+
+    Raises:
+        ValueError: one line with what is in the way, and what to change.
+    """
+    if (model.jnt_type[1:] == mujoco.mjtJoint.mjJNT_FREE).any():
+        raise ValueError(
+            f"{path}: a free joint that is not the robot's base; gatjax diagnose needs "
+            f"a model of the robot and its floor alone, its base first"
+        )
+    touching = np.flatnonzero(model.geom_contype | model.geom_conaffinity)
+    if floats(model) and (model.body_weldid[model.geom_bodyid[touching]] != 0).all():
+        raise ValueError(
+            f"{path}: the base floats (a free joint), and there is no ground to stand "
+            f"on; add a plane, or take the free joint out and log the robot hanging"
+        )
+    closed = (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
+    if np.isin(model.eq_type, closed).any():
+        raise ValueError(
+            f"{path}: a connect or weld constraint closes a chain; gatjax diagnose "
+            f"needs a tree: cut it open, or tie the joints by <equality><joint/>"
+        )
+    if model.nu == 0:
+        raise ValueError(f"{path}: no actuators; give every driven joint a <position>")
+    robot_model.joint_names(model)
+    _check_servos(model, path)
+
+
+def _check_servos(model: mujoco.MjModel, path: Path) -> None:
+    """Refuse actuators that are no position servos of a hinge, at its side."""
+    kp, position = model.actuator_gainprm[:, 0], model.actuator_biasprm[:, 1]
+    is_servo = (
+        (model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED)
+        & (model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE)
+        & (model.actuator_dyntype == mujoco.mjtDyn.mjDYN_NONE)
+        & (kp > 0.0)
+        & np.isclose(kp, -position)
+    )
+    hinge = model.jnt_type[model.actuator_trnid[:, 0]] == mujoco.mjtJoint.mjJNT_HINGE
+    low, high = model.actuator_forcerange.T
+    lopsided = model.actuator_forcelimited.astype(bool) & ~np.isclose(-low, high)
+    for wrong, text in (
+        (~is_servo, 'is no position servo; gatjax diagnose needs <position kp=".." '
+         'kv=".." joint=".."/> at every driven joint'),
+        (~hinge, "drives no hinge; angles, units and thresholds of gatjax diagnose "
+         "are those of hinges: lock other joints, or leave them out"),
+        (~np.isclose(model.actuator_gear[:, 0], 1.0), "has a gear; take it out, and "
+         "give kp, kv and forcerange as the joint feels them"),
+        (lopsided, "has a forcerange that is not symmetric; give the smaller limit "
+         "on both sides"),
+    ):  # fmt: skip
+        if wrong.any():
+            name = model.actuator(int(np.flatnonzero(wrong)[0])).name
+            raise ValueError(f"{path}: actuator {name!r} {text}")
+
+
+def cautions(model: mujoco.MjModel) -> Iterator[str]:
+    """What a user should know of a model that can be diagnosed, a line each."""
+    followers, _, _ = ties(model)
+    driven = {*model.actuator_trnid[:, 0], *followers}
+    free = [
+        model.joint(k).name or f"number {k}"
+        for k in range(model.njnt)
+        if k not in driven and model.jnt_type[k] != mujoco.mjtJoint.mjJNT_FREE
+    ]
+    if free:
+        yield (
+            f"joint {', '.join(free)} is not driven, and taken to stand still at its "
+            f"zero; if it moves, log and drive it, or weld it"
+        )

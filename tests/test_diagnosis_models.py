@@ -1,0 +1,169 @@
+"""Models of users: what can be diagnosed, what is refused, and ties between joints."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pyarrow as pa
+import pytest
+from pyarrow import parquet
+
+from gatjax.cli import main
+from gatjax.data import sampling
+from gatjax.data.recording import Recording
+from gatjax.data.trajectories import JointRun
+from gatjax.diagnosis.diagnose import control_period
+from gatjax.sim.episode import coupled, coupled_speed
+from gatjax.sim.limbs import put_down
+from gatjax.sim.world import dividing
+
+PLAIN = """
+<mujoco>
+  <option timestep="0.002"/>
+  <worldbody>
+    <body>
+      <joint name="arm" axis="0 1 0" damping="0.1" armature="0.004" stiffness="0.8"/>
+      <geom type="capsule" fromto="0 0 0 0.2 0 0" size="0.02" mass="0.4"/>
+      <body pos="0.2 0 0">
+        <joint name="left" axis="0 0 1" damping="0.05" armature="0.002"/>
+        <geom type="box" size="0.03 0.01 0.01" mass="0.1" contype="0"/>
+      </body>
+      <body pos="0.2 0.02 0" gravcomp="1">
+        <joint name="right" axis="0 0 1"/>
+        <geom type="box" size="0.03 0.01 0.01" mass="0.1" contype="0"/>
+      </body>
+    </body>
+  </worldbody>
+  <equality><joint joint1="right" joint2="left" polycoef="0.1 -1 0 0 0"/></equality>
+  <actuator>
+    <position name="arm" joint="arm" kp="20" kv="1" forcerange="-6 6"/>
+    <position name="left" joint="left" kp="4" kv="0.2"/>
+  </actuator>
+</mujoco>
+"""
+
+
+def logged(model: mujoco.MjModel, path: Path, seed: int, seconds: float) -> None:
+    """A log at 200 Hz of a model that is played as it is."""
+    draw, data, rows = np.random.default_rng(seed), mujoco.MjData(model), []
+    fine, period = 10, 0.005
+    model.opt.timestep = period / fine
+    time = np.arange(0.0, seconds, period)
+    tones = draw.uniform(0.3, 1.6, (2, 4))
+    wave = np.sin(2.0 * np.pi * tones[..., None] * time).sum(1) * 0.12
+    command = wave * np.minimum(time / 0.5, 1.0)
+    mujoco.mj_step(model, data, 2000)  # at rest
+    for tick in range(len(time)):
+        rows.append(data.qpos[[0, 1]] + draw.normal(scale=5e-4, size=2))
+        data.ctrl[:] = command[:, tick]
+        mujoco.mj_step(model, data, fine)
+    angle = np.array(rows).T
+    table = {"time": time} | {
+        f"{kind}.{name}": values[k]
+        for kind, values in (("command", command), ("position", angle))
+        for k, name in enumerate(("arm", "left"))
+    }
+    parquet.write_table(pa.table(table), path)
+
+
+def test_a_plain_model_is_diagnosed(tmp_path: Path) -> None:
+    """Masses from geoms, a spring, a mirrored finger, no limit, 200 Hz."""
+    (tmp_path / "robot.xml").write_text(PLAIN)
+    robot = mujoco.MjModel.from_xml_string(PLAIN)
+    robot.dof_damping[0] += 1.2
+    for name, seed in (("fit", 1), ("held", 2)):
+        logged(robot, tmp_path / f"{name}.parquet", seed, 8.0)
+    out = tmp_path / "out"
+    command = ["diagnose", "--model", str(tmp_path / "robot.xml"), "--data"]
+    command += [str(tmp_path / "fit.parquet"), "--out", str(out)]
+    assert main([*command, "--held-out", str(tmp_path / "held.parquet")]) == 0
+    found = json.loads((out / "diagnosis.json").read_text())
+    assert found["verdict"] == "named"
+    [cause] = found["causes"]
+    assert cause["where"] == ["arm"]
+    assert cause["cause"] in ("viscous_friction", "damping_error")
+    assert found["gain"]["after"] < 0.3 * found["gain"]["before"]
+    short = [row for row in found["gain"]["horizons"] if row["horizon_s"] == 0.1]
+    assert all(row["after"] < 0.002 for row in short)
+    mujoco.MjModel.from_xml_path(str(out / "extended.xml"))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('kv="1" ', 'kv="1" gear="3" ', "'arm' has a gear"),
+        ('"-6 6"', '"-6 4"', "'arm' has a forcerange that is not symmetric"),
+        ('"left" axis="0 0 1"', '"left" type="slide"', "'left' drives no hinge"),
+        ("<equality>", '<equality><connect body1="a" anchor="0 0 0"/>', "closes a"),
+    ],
+)
+def test_what_cannot_be_simulated_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture, old: str, new: str, said: str
+) -> None:
+    """One line that says what to change."""
+    text = PLAIN.replace("<body>", '<body name="a">').replace(old, new)
+    (tmp_path / "robot.xml").write_text(text)
+    (tmp_path / "fit.csv").write_text("time\n0\n")
+    command = ["diagnose", "--model", str(tmp_path / "robot.xml"), "--data"]
+    assert main([*command, str(tmp_path / "fit.csv"), "--out", str(tmp_path)]) != 0
+    error = capsys.readouterr().err
+    assert said in error and len(error.strip().split("\n")) == 1
+
+
+def test_files_of_one_rate(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    """Two rates in one diagnosis: every horizon would be wrong."""
+    (tmp_path / "robot.xml").write_text(PLAIN)
+    logged(mujoco.MjModel.from_xml_string(PLAIN), tmp_path / "a.parquet", 1, 6.0)
+    table = parquet.read_table(tmp_path / "a.parquet")
+    parquet.write_table(table.take(np.arange(0, len(table), 2)), tmp_path / "b.parquet")
+    command = ["diagnose", "--model", str(tmp_path / "robot.xml"), "--data"]
+    files = [str(tmp_path / "a.parquet"), "--held-out", str(tmp_path / "b.parquet")]
+    assert main([*command, *files, "--out", str(tmp_path / "o")]) != 0
+    assert "diagnose files of one rate together" in capsys.readouterr().err
+
+
+def test_short_trajectories_are_left_out() -> None:
+    """A trajectory needs a second and 30 rows; the others stay as they are."""
+    time, run = np.arange(300) * 0.01, np.repeat([3, 5, 7], [200, 90, 10])
+    log = Recording("a.csv", time, run, {"command.arm": time}, {})
+    kept, [finding] = sampling.lasting(log)
+    assert set(kept.trajectory) == {3}
+    assert np.array_equal(kept.columns["command.arm"], time[:200])
+    assert "2 of 3 trajectories" in finding.text
+    with pytest.raises(ValueError, match="no trajectory lasts 1 s"):
+        sampling.lasting(log._replace(trajectory=np.arange(300) // 20))
+
+
+def test_tied_joints_follow_their_polynomial() -> None:
+    """Follower = 0.1 - leader, at rest and moving, where the engine holds it."""
+    model = mujoco.MjModel.from_xml_string(PLAIN)
+    qpos = put_down(model, np.array([0.2, 0.3]))
+    assert np.allclose(qpos, [0.2, 0.3, -0.2])
+    address, position = coupled(model, np.array([[0.0, 0.5, 9.0]]))
+    assert np.array_equal(address, [2]) and np.allclose(position, [[-0.4]])
+    place, speed = coupled_speed(model, qpos, np.array([1.0, 2.0, 9.0]))
+    assert np.array_equal(place, [2]) and np.allclose(speed, [-2.0])
+
+
+@pytest.mark.parametrize(
+    ("period", "step", "expected"),
+    [(0.02, 0.005, 0.005), (0.005, 0.002, 0.005 / 3), (0.001, 0.002, 0.001),
+     (0.012, 0.002, 0.002)],
+)  # fmt: skip
+def test_physics_steps_divide_the_period(
+    period: float, step: float, expected: float
+) -> None:
+    """A control tick is a whole number of steps, none longer than asked for."""
+    assert dividing(period, step) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("rate", [50.0, 250.0 / 3.0, 100.0, 240.0, 400.0, 1000.0])
+def test_period_of_logs(rate: float) -> None:
+    """A rate of whole Hz is found in spite of jitter; 83.3 Hz is the NAO's."""
+    draw = np.random.default_rng(0)
+    time = np.arange(400) / rate + draw.normal(scale=1e-3 / rate, size=400)
+    run = JointRun(0, time, np.zeros((400, 1)), np.zeros((400, 1)))
+    assert control_period([run]) == pytest.approx(1.0 / rate, rel=1e-9)
