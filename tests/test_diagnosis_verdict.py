@@ -89,3 +89,51 @@ def test_what_need_not_be_drawn_any_more_is_better(named):
     fresh = Told({"elastic+friction": -50.0}, [claim("friction")])
     judge = Told({"": 0.0}, pulled=[0])
     assert named(judge, fresh) == ["elastic", "friction"]
+
+
+@pytest.fixture
+def concluded(monkeypatch):
+    """Causes that `conclude` answers, given what each kind of loads would say."""
+
+    class Loaded(Judge):
+        def __init__(self, case, tell):
+            self.case, self.tell = case, tell
+
+    def run(measured, settled, strain, follows=True):
+        """Both sides: names of causes, evidence, joints that are drawn."""
+        first = SimpleNamespace(name="measured")
+        second = SimpleNamespace(name="settled") if follows else first
+        answers = {"measured": measured, "settled": settled}
+
+        def decide(judge):
+            names, nats, drawn = answers[judge.case.name]
+            found = [verdict.Cause(claim(n), 1.0, [], []) for n in names]
+            side = Told({"": nats}, pulled=drawn)
+            x = np.full(verdict.COUNT, np.sqrt(strain / verdict.COUNT))
+            side.known = [FIT._replace(x=x)]
+            return verdict.Verdict("named", found, [], None, [], side)
+
+        monkeypatch.setattr(verdict, "decide", decide)
+        monkeypatch.setattr(verdict.cases, "settled", lambda case, tell: second)
+        chosen = verdict.conclude(Loaded(first, None))
+        return [cause.claim.hypothesis.cause for cause in chosen.causes]
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("measured", "strain", "expected"),
+    [
+        ((["limit"], 50.0, []), 60.0, ["limit"]),
+        ((["limit"], 50.0, []), 20.0, []),  # nothing imitates it: noise of the loads
+        ((["limit"], 5.0, []), 60.0, []),  # the tolerances explain as much
+        (([], 50.0, []), 60.0, []),
+        ((["limit"], 50.0, [0]), 60.0, []),  # it only looks better: it is drawn
+    ],
+)
+def test_a_cause_that_tolerances_hide(concluded, measured, strain, expected):
+    assert concluded(measured, ([], 0.0, []), strain) == expected
+
+
+def test_loads_that_do_not_follow_are_looked_at_once(concluded):
+    assert concluded((["limit"], 0.0, []), None, 60.0, follows=False) == ["limit"]
