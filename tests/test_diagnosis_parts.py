@@ -8,7 +8,7 @@ from gatjax.diagnosis import bank, drops, motion, quantum
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.claims import PRICE, occam, shared_value, uncertainty
 from gatjax.diagnosis.fit import Fit
-from gatjax.diagnosis.hypotheses import COUNT, combined, information, pinned
+from gatjax.diagnosis.hypotheses import COUNT, combined, information, numbers, pinned
 from gatjax.diagnosis.loads import tilted
 from gatjax.effects.catalogue import CATALOGUE
 
@@ -89,6 +89,21 @@ def test_lost_targets_are_found_in_the_motion_without_them(share):
     told = drops.statistics(found.lost, [command])
     assert told["probability"] == pytest.approx(share, abs=0.1)
     assert found.price == pytest.approx(drops.length(found.lost) / 10.0)
+
+
+def test_losses_of_a_robot_off_its_nominal_numbers_need_another_start():
+    rng = np.random.default_rng(0)  # from nominal numbers, 1.8 times the noise is left
+    bare = joint(wave)
+    command = np.array([wave(t) for t in bare.time[0]])
+    lost = rng.uniform(size=len(command)) < 0.35
+    lost[0] = False
+    held = drops.with_commands(bare, [command], [lost])
+    drive = numbers(bare, None, 1.2 * rng.normal(size=COUNT))
+    angle = held.simulate([drive], False)[..., 0] + rng.normal(0.0, 7e-4, (1, 250))
+    noisy = bare._replace(measured=angle)
+    known = fits.start(noisy, [(None, np.zeros(COUNT))])[0]
+    found = drops.find(noisy, known, [command])
+    assert found.fit.rms() < 1.3 * noisy.noise
 
 
 def test_the_step_of_a_rounded_target_is_read_from_what_it_leaves():
