@@ -135,5 +135,9 @@ def test_a_cause_that_tolerances_hide(concluded, measured, strain, expected):
     assert concluded(measured, ([], 0.0, []), strain) == expected
 
 
+def test_a_cause_on_settled_loads_is_not_looked_for_elsewhere(concluded):
+    assert concluded((["limit"], 50.0, []), (["delay"], 0.0, []), 60.0) == ["delay"]
+
+
 def test_loads_that_do_not_follow_are_looked_at_once(concluded):
     assert concluded((["limit"], 0.0, []), None, 60.0, follows=False) == ["limit"]

@@ -1,10 +1,11 @@
 """Score the diagnosis on fresh cases, and pool the marks of all sessions.
 
-    python experiments/diagnosis/run.py --out DIR --seed 43000 --cases 40
+    python experiments/diagnosis/run.py --out DIR --seed 44000 --cases 40
 
-makes 40 cases of each kind (seeds 43001 to 43004), diagnoses them, and goes on where it
-was stopped. It writes marks/43000.json, and scores.md over all files in marks/. A seed
-must be fresh: no case of it was looked at while the method was made.
+makes 40 cases of each kind (seeds 44001 to 44004) and diagnoses them. Ctrl-C keeps what
+is solved, and the same command goes on. It writes marks/44000.json, and scores.md with
+its pictures over all files in marks/. A seed must be fresh: no case of it was looked at
+while the method was made, and the method stays as it is until the last one is solved.
 """
 
 from __future__ import annotations
@@ -16,7 +17,9 @@ from pathlib import Path
 from typing import Any
 
 from gatjax.benchmark import figures, tables
-from gatjax.benchmark.marks import Mark
+from gatjax.benchmark.cases import read_cases
+from gatjax.benchmark.marks import Mark, mark
+from gatjax.benchmark.solve import GATJAX, WALL, answer
 from gatjax.cli import main as gatjax
 from gatjax.runs import read_json, write_json, write_whole
 
@@ -26,14 +29,48 @@ ROBOTS = ("arm_servo", "arm_two", "leg_six", "quad_hung")
 LEAST = "3"  # visibility d that effects aim at
 
 
-def solved(out: Path, kind: str, seed: int, cases: int) -> list[dict[str, Any]]:
-    """Marks of one kind of cases; solves those that are not solved yet."""
+def frozen(out: Path) -> str:
+    """The commit that is measured: the one that a folder began with, and no change."""
+
+    def git(*words: str) -> str:
+        command = ["git", "-C", str(HERE), *words]
+        return subprocess.run(
+            command, capture_output=True, text=True, check=True
+        ).stdout.strip()
+
+    if git("status", "--porcelain", ":/gatjax"):
+        raise SystemExit("gatjax/ has changes that are not committed; commit them")
+    commit, file = git("rev-parse", "HEAD"), out / "commit.json"
+    if not file.is_file():
+        out.mkdir(parents=True, exist_ok=True)
+        write_json(file, {"commit": commit})
+    first = read_json(file)["commit"]
+    if git("diff", "--name-only", first, "HEAD", "--", ":/gatjax"):
+        raise SystemExit(f"{out} was begun at {first}; check that out to go on")
+    return first
+
+
+def solve(out: Path, kind: str, seed: int, cases: int) -> int:
+    """Make cases of one kind, and solve those that are not solved yet; exit code."""
     wanted = ["--cases", str(cases), "--seed", str(seed), "--least-visibility", LEAST]
     chosen = ["--kinds", kind, "--robots", *ROBOTS]
-    command = ["bench", "diagnose", "--out", str(out / kind), *wanted, *chosen]
-    if gatjax(command) != 0:
-        raise SystemExit(f"{kind} cases failed; mend it and call this again")
-    return read_json(out / kind / "scores.json")["solvers"]["gatjax"]["cases"]
+    return gatjax(["bench", "diagnose", "--out", str(out / kind), *wanted, *chosen])
+
+
+def keep(out: Path, seed: int, commit: str) -> None:
+    """Write the marks of all cases up to the first one that is not solved."""
+    marks = []
+    for kind in KINDS:
+        cases = read_cases(out / kind / "set") if (out / kind / "set").exists() else []
+        for case in cases:
+            if not (out / kind / "diagnoses" / case.name / WALL).is_file():
+                break
+            marks.append(mark(case, answer(GATJAX, case, out / kind / "diagnoses")))
+    rows = [
+        {k: None if v != v else v for k, v in each._asdict().items()} for each in marks
+    ]
+    facts = {"commit": commit, "seed": seed, "marks": rows}
+    write_json(HERE / "marks" / f"{seed}.json", facts)
 
 
 def pooled(folder: Path) -> list[Mark]:
@@ -48,26 +85,31 @@ def pooled(folder: Path) -> list[Mark]:
     return marks
 
 
-def main() -> None:
-    """Solve, keep the marks, pool them."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, required=True, help="cases and diagnoses")
-    parser.add_argument("--seed", type=int, required=True, help="fresh, 1000 apart")
-    parser.add_argument("--cases", type=int, default=40, help="of each kind")
-    given = parser.parse_args()
-    git = ["git", "rev-parse", "HEAD"]
-    commit = subprocess.run(git, capture_output=True, text=True, cwd=HERE, check=True)
-    marks = []
-    for number, kind in enumerate(KINDS, start=1):
-        marks += solved(given.out, kind, given.seed + number, given.cases)
-    facts = {"commit": commit.stdout.strip(), "seed": given.seed, "marks": marks}
-    write_json(HERE / "marks" / f"{given.seed}.json", facts)
-    every = pooled(HERE / "marks")
+def draw() -> str:
+    """Write the scores of all marks, and their pictures; the scores as text."""
+    every: list[Any] = pooled(HERE / "marks")
     text = tables.document({"gatjax": every})
     write_whole({HERE / "scores.md": text.encode()})
     figures.draw_confusion([m for m in every if m.main], HERE / "confusion.png")
     figures.draw_detection({"gatjax": every}, HERE / "detection.png")
-    print(text)
+    return text
+
+
+def main() -> None:
+    """Solve, keep the marks, pool them."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--out", type=Path, required=True, help="cases and diagnoses")
+    parser.add_argument("--seed", type=int, required=True, help="fresh, 1000 apart")
+    parser.add_argument("--cases", type=int, default=40, help="of each kind")
+    given = parser.parse_args()
+    commit = frozen(given.out)
+    for number, kind in enumerate(KINDS, start=1):
+        if solve(given.out, kind, given.seed + number, given.cases) != 0:
+            break  # Ctrl-C: what is solved counts
+    keep(given.out, given.seed, commit)
+    print(draw())
 
 
 if __name__ == "__main__":

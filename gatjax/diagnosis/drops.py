@@ -29,6 +29,7 @@ BETTER, PATIENCE = 0.97, 3  # of the best residual: rounds that may leave more
 DONE = 1.2  # times the noise: no better pattern is looked for
 DECODED = 1.7  # times the noise at most, that decoded losses leave
 NEAR = 6.0  # times the noise that a first search leaves: other starts may do better
+PROMISING = 0.5  # the same, of what another explanation leaves
 SCOUTS, SPREAD = 6, 1.5  # starts beside the nominal one; tolerances of theirs
 SCOUTING, FOLLOWED = 3, 2  # rounds of a scout; the best that are followed
 
@@ -80,7 +81,9 @@ def held(command: np.ndarray, lost: np.ndarray) -> np.ndarray:
     return command[np.maximum.accumulate(index)]
 
 
-def find(joint: Joint, base: Fit, commands: list[np.ndarray]) -> Losses:
+def find(
+    joint: Joint, base: Fit, commands: list[np.ndarray], rival: float = np.inf
+) -> Losses:
     """Decode the losses of a joint beside what is known about it.
 
     Args:
@@ -88,10 +91,12 @@ def find(joint: Joint, base: Fit, commands: list[np.ndarray]) -> Losses:
         base: what is known, not of a gear; its tolerances imitate losses, and are
             fitted afresh.
         commands: of each run [N], rad.
+        rival: what the best other explanation leaves, rad.
     """
     plain = np.append(np.zeros(COUNT), base.x[COUNT:])
     first = _turns(joint, base, commands, (plain, FIRST * joint.noise), ROUNDS)
-    if not DECODED < first.fit.rms() / joint.noise < NEAR:
+    near = min(NEAR * joint.noise, PROMISING * rival)
+    if not DECODED * joint.noise < first.fit.rms() < near:
         return first
     draw = np.random.default_rng(joint.index)
     tried = [first]

@@ -278,15 +278,19 @@ class Judge(Known):
         Args:
             missing: joints that changed since losses were looked for.
         """
+        left = {
+            k: min(fit.rms() for fit in [self.known[k], *self.found[k]])
+            for k in missing
+        }
         noisy = [
             k for k in missing
-            if min(fit.rms() for fit in [self.known[k], *self.found[k]])
-            > NOISY * self.joints[k].noise
+            if left[k] > NOISY * self.joints[k].noise
             and not self.known[k].geared
             and not any(k in (claim.lost or {}) for claim in self.accepted)
         ]  # fmt: skip
         self.losses = {k: v for k, v in self.losses.items() if k not in missing}
-        self.losses |= dict(zip(noisy, mapped(self._decoded, noisy), strict=True))
+        found = mapped(lambda k: self._decoded(k, left[k]), noisy)
+        self.losses |= dict(zip(noisy, found, strict=True))
         out = [claim for claim in self.losses.values() if claim is not None]
         good = [claim for claim in out if claim.gain > WORTH]
         if len(good) > 0.6 * len(self.joints) and len(self.joints) > 1:
@@ -301,14 +305,17 @@ class Judge(Known):
             out.append(claim._replace(lost=lost))
         return out
 
-    def _decoded(self, index: int) -> Claim | None:
-        """A claim that a joint lost commands, not drawn to what was measured."""
+    def _decoded(self, index: int, rival: float) -> Claim | None:
+        """A claim that a joint lost commands, not drawn to what was measured.
+
+        `rival` is what the best other explanation leaves, rad.
+        """
         joint, known = self.joints[index], self.known[index]
         if index in self.case.pulled:
             joint = joint.drawn(0.0)
             first = fits.start(joint, [(known.hypothesis, known.x)])
             known = fits.improve(joint, first, 6)[0]
-        loss = drops.find(joint, known, self.case.commands(index))
+        loss = drops.find(joint, known, self.case.commands(index), rival)
         if loss.fit.rms() > drops.DECODED * joint.noise:
             return None
         gain = fits.evidence(loss.joint, loss.fit) - fits.evidence(joint, known)

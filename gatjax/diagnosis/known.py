@@ -161,13 +161,21 @@ class Known:
         return fits.improve(self.joints[index], first, 6)[0]
 
     def refitted(self, claim: Claim) -> Claim:
-        """A claim with its size, beside what is known here about its joints."""
+        """A claim with its size, beside what is known here about its joints.
+
+        Where several joints agree on a size, it stays as it is.
+        """
+        alone = len(claim.fits) == 1 and claim.body is None
+        own = claim.own if alone else np.zeros(0)
+        newest = claim.hypothesis if alone else pinned(claim.hypothesis, claim.own)
 
         def one(index: int) -> Fit:
             joint, known = self.joints[index], self.known[index]
-            owner = combined(known.hypothesis, claim.hypothesis)
+            if claim.body is not None:
+                joint = self.case.carrying(index, claim.body)
+            owner = combined(known.hypothesis, newest)
             plain = np.append(np.zeros(COUNT), known.x[COUNT:])
-            points = [(owner, np.append(x, claim.own)) for x in (known.x, plain)]
+            points = [(owner, np.append(x, own)) for x in (known.x, plain)]
             first = fits.improve(joint, fits.start(joint, points), REFITTING)
             return min(first, key=lambda fit: fit.cost)
 

@@ -71,8 +71,8 @@ def conclude(judge: Judge) -> Verdict:
     if case is start:
         return decide(judge)
     verdict = decide(type(judge)(case, judge.tell))
-    if not any(float(fit.x[:COUNT] @ fit.x[:COUNT]) > STRAINED
-               for fit in verdict.judge.known):  # fmt: skip
+    spent = max(float(fit.x[:COUNT] @ fit.x[:COUNT]) for fit in verdict.judge.known)
+    if verdict.causes or spent < STRAINED:
         return verdict
     other = decide(judge)
     better = other.judge.evidence() - verdict.judge.evidence() > LATER
