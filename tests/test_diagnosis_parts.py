@@ -6,9 +6,10 @@ from test_diagnosis_plant import joint, wave
 
 from gatjax.diagnosis import bank, drops, motion, quantum
 from gatjax.diagnosis import fit as fits
-from gatjax.diagnosis.claims import PRICE, occam, shared_value, uncertainty
+from gatjax.diagnosis.claims import PRICE, Claim, occam, shared_value, uncertainty
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, combined, information, numbers, pinned
+from gatjax.diagnosis.known import Known
 from gatjax.diagnosis.loads import tilted
 from gatjax.effects.catalogue import CATALOGUE
 
@@ -169,3 +170,18 @@ def test_losses_that_change_nothing_do_not_count():
     found = drops.statistics([lost], [command])
     assert found["probability"] == pytest.approx(0.3, abs=0.04)
     assert found["burst"] == pytest.approx(1.0 / 0.7, abs=0.15)
+
+
+def test_a_value_that_joints_share_stays_when_it_is_looked_for_again():
+    lag, own = by_cause("first_order_lag"), np.array([np.log(0.05)])
+    one = joint(wave)
+    angle = one.simulate([{"lag": 0.05}], False)[..., 0]
+    known = Known.__new__(Known)
+    known.joints = [one._replace(measured=angle, index=k) for k in range(2)]
+    known.known = [fits.start(j, [(None, np.zeros(COUNT))])[0] for j in known.joints]
+    alone = Claim(lag, own, (0,), {0: known.known[0]}, 10.0)
+    both = alone._replace(where=(0, 1), fits=dict(enumerate(known.known)))
+    for claim, count in ((alone, COUNT + 1), (both, COUNT)):
+        found = known.refitted(claim)
+        assert all(fit.rms() < one.noise for fit in found.fits.values())
+        assert [len(fit.x) for fit in found.fits.values()] == [count] * len(claim.fits)
