@@ -124,23 +124,23 @@ def described(verdict, columns, names):
         }
         for cause, name, v, unit, equivalent in CAUSES[verdict]
     ]
-    first = causes[0] if causes else {"cause": "none", "where": [], "parameters": {}}
     others = ["measurement_delay", "stiction", "backlash", "load_friction", "payload"]
     residual = rms(names[0], "extended", fit)
     candidates = [
-        {**first, "variant": "", "log_evidence": -210.4, "rms": residual},
-        *(
-            {
-                "cause": cause,
-                "variant": "encoder on the link" if cause == "backlash" else "",
-                "where": [names[0]],
-                "log_evidence": -212.0 - 9.0 * row,
-                "probability": 0.4 * 0.1**row,
-                "rms": residual * (1.1 + 0.6 * row),
-                "parameters": {"size": {"value": 0.02, "unit": "rad"}},
-            }
-            for row, cause in enumerate(others)
-        ),
+        {**cause, "variant": "", "log_evidence": 48.6, "rms": residual, "step": 1}
+        for cause in causes
+    ] + [
+        {
+            "cause": cause,
+            "variant": "encoder on the link" if cause == "backlash" else "",
+            "where": [names[0]],
+            "log_evidence": 47.0 - 9.0 * row,
+            "probability": 0.4 * 0.1**row if causes else None,
+            "rms": residual * (1.1 + 0.6 * row),
+            "parameters": {"size": {"value": 0.02, "unit": "rad"}},
+            "step": 1,
+        }
+        for row, cause in enumerate(others)
     ]
     before, after = rms(names[0], "nominal", ~fit), rms(names[0], "extended", ~fit)
     horizons = [
@@ -203,11 +203,12 @@ def described(verdict, columns, names):
             "separation": 8.31,
         },
         "smallest_effects": [
-            {"cause": cause, "where": [name], "value": value * (1 + row), "unit": unit}
-            for row, name in enumerate(names)
-            for cause, value, unit in (
-                ("coulomb_friction", 0.11, "N*m"), ("command_delay", 0.003, "s"),
-                ("backlash", 0.005, "rad"),
+            {"cause": cause, "where": [names[-1]], "value": value, "unit": unit,
+             "parameter": parameter, "at_most": cause == "command_delay"}
+            for cause, parameter, value, unit in (
+                ("coulomb_friction", "torque", 0.11, "N*m"),
+                ("command_delay", "delay", 0.003, "s"),
+                ("backlash", "width", 0.005, "rad"),
             )
         ],
         "not_expressible": ["command_delay: MJCF has no delay that MJX obeys"],
@@ -367,8 +368,18 @@ def test_runner_up_is_told_why_it_lost(pages):
     assert "cannot be told apart from command delay at servo" in pages["ambiguous"]
     assert "nearly as good as coulomb friction at servo" in pages["named"]
     assert pages["named"].count("<td>named</td>") == 1
-    assert "no better than the tolerances of the model" in pages["none"]
+    assert "1.15° (0.02 rad)" in pages["named"]
+    assert "explains or changes too little to be a finding" in pages["none"]
+    assert "Weighed, not named" in pages["none"]
+    assert "leaves too much to be the explanation" in pages["unknown"]
     assert "0.98 sin(10.7 time) N m" in pages["unknown"]
+
+
+def test_shares_are_of_what_tolerances_leave(pages):
+    text = Text(pages["named"]).all
+    assert "It is 3 % of the power that tolerances leave." in text
+    assert "share of the power left after tolerances that is more than" in text
+    assert "nominal residual's power" not in text
 
 
 KEYS = sorted(described("named", signals("named", ("servo",)), ("servo",)))

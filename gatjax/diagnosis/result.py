@@ -25,7 +25,7 @@ def interval(verdict: Verdict, claim: Claim, seed: int) -> dict[str, dict[str, A
     """Parameters with their 90 % intervals, from draws of the coordinates."""
     best = extend.parameters(verdict.judge, claim)
     entry = CATALOGUE[claim.hypothesis.cause]
-    units = {p.name: p.unit for p in entry.parameters} | UNITS
+    units = _units(claim)
     draws = {name: [value] for name, value in best.items()}
     if claim.stance is not None:
         draws[entry.main.name] += [claim.stance.low, claim.stance.high]
@@ -72,36 +72,43 @@ def cause_row(verdict: Verdict, cause: Cause, seed: int) -> dict[str, Any]:
 
 
 def candidates(verdict: Verdict) -> list[dict[str, Any]]:
-    """Everything that was weighed for the first causes, best first."""
+    """Everything that was weighed, one cause after the other, best first."""
     rows = []
     for number, cause in enumerate(verdict.causes, start=1):
         everything = [(cause.claim, cause.probability), *cause.rivals]
         for claim, probability in everything[:SHOWN]:
-            rows.append(_candidate(verdict, claim, probability) | {"step": number})
-    if verdict.law is not None:
-        rows.append(
-            _candidate(verdict, verdict.law, 0.0) | {"step": len(verdict.causes) + 1}
-        )
-    rows += [
-        _candidate(verdict, claim, 0.0) | {"step": len(verdict.causes) + 1}
-        for claim in verdict.last[:SHOWN]
-        if not verdict.causes and claim is not verdict.law
-    ]
-    return rows
+            row = _candidate(verdict, claim) | {"probability": round(probability, 4)}
+            rows.append(row | {"step": number})
+    if len(verdict.causes) == verdict.judge.most:
+        return rows  # nothing was weighed after these
+    law = [] if verdict.law is None else [verdict.law]
+    rest = law + [claim for claim in verdict.last if claim is not verdict.law]
+    unnamed = {"probability": None, "step": len(verdict.causes) + 1}
+    return rows + [_candidate(verdict, claim) | unnamed for claim in rest[:SHOWN]]
 
 
-def _candidate(verdict: Verdict, claim: Claim, probability: float) -> dict[str, Any]:
+def _candidate(verdict: Verdict, claim: Claim) -> dict[str, Any]:
     """One row of `candidates`."""
     rms = [fit.rms() for fit in claim.fits.values()]
-    named = claim.hypothesis.cause
+    cause, variant = claim.hypothesis.cause, claim.hypothesis.variant
+    values = extend.parameters(verdict.judge, claim) if cause else {}
     return {
-        "cause": named or claim.hypothesis.variant,
-        "variant": claim.hypothesis.variant if named else "not in the catalogue",
+        "cause": cause or variant,
+        "variant": variant if cause else "not in the catalogue",
         "where": _named_places(verdict, claim),
+        "parameters": {
+            name: {"value": value, "unit": _units(claim).get(name, "1")}
+            for name, value in values.items()
+        },
         "log_evidence": round(claim.gain, 1),
-        "probability": round(float(probability), 4),
         "rms": rms[0] if rms else None,
     }
+
+
+def _units(claim: Claim) -> dict[str, str]:
+    """Units of a named claim's parameters."""
+    entry = CATALOGUE[claim.hypothesis.cause]
+    return {p.name: p.unit for p in entry.parameters} | UNITS
 
 
 def _named_places(verdict: Verdict, claim: Claim) -> list[str]:

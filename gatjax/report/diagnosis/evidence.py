@@ -1,4 +1,4 @@
-"""The upper parts of the page: verdict, key numbers, candidates, location."""
+"""The upper parts of the page: verdict, key numbers, location."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 from gatjax.report.diagnosis.bars import location_picture
 from gatjax.report.diagnosis.frame import bar, folded, gallery, key, picture
 from gatjax.report.diagnosis.quantities import degrees, interval, portion, size, title
-from gatjax.report.diagnosis.read import Cause, Diagnosis, Joint, number_in
+from gatjax.report.diagnosis.read import Diagnosis, Joint, number_in
 from gatjax.report.sections import section
 from gatjax.report.wording import DASH, escape, number, percent
 
@@ -17,9 +17,7 @@ BADGES = {
     "ambiguous": ("unclear", "several causes fit, these logs cannot decide"),
     "unknown": ("unclear", "real, but nothing in the catalogue explains it"),
 }
-SHOWN = 10  # candidates
 MOST_JOINTS = 30
-CLOSE = 3.0  # difference of log evidence below which nothing is decided
 
 
 def head(diagnosis: Diagnosis) -> str:
@@ -88,75 +86,6 @@ def _card(colour: str, label: str, value: str, words: str) -> str:
     )
 
 
-def candidate_table(diagnosis: Diagnosis) -> str:
-    """Every cause that was weighed, the best first, and why the others lost."""
-    heading = "Evidence: which causes were weighed"
-    every = diagnosis.candidates
-    if not every:
-        return section(heading, "<p>No candidates were written.</p>")
-    named = {(cause.name, tuple(cause.where)) for cause in diagnosis.causes}
-    rows = [
-        _candidate_row(each, every, (each.name, tuple(each.where)) in named, diagnosis)
-        for each in every[:SHOWN]
-    ]
-    more = len(every) - SHOWN
-    note = f"{more} weaker candidates are in diagnosis.json. " if more > 0 else ""
-    note += (
-        "Evidence is the logarithm of how well a cause predicts these logs, with its "
-        "free numbers paid for: 3 less is 20 times less likely, 7 less is 1000 times."
-    )
-    head_row = (
-        "<tr><th>cause</th><th class=n>size</th><th>probability</th>"
-        "<th class=n>log evidence<br>below the best</th>"
-        "<th class=n>residual<br>left, rms</th><th>why</th></tr>"
-    )
-    body = f"<div class=scroll><table><thead>{head_row}</thead>"
-    body += f"<tbody>{''.join(rows)}</tbody></table></div><p class=note>{note}</p>"
-    return section(heading, body)
-
-
-def _candidate_row(
-    each: Cause, every: list[Cause], named: bool, diagnosis: Diagnosis
-) -> str:
-    best = every[0]
-    main = each.values[0] if each.values else None
-    lost = best.evidence - each.evidence
-    name = escape(title(each))
-    if each.variant:
-        name += f"<small>{escape(each.variant)}</small>"
-    amount = size(main.value, main.unit) if main else DASH
-    return (
-        f"<tr{' class=first' if named else ''}><td>{name}</td>"
-        f"<td class=n>{escape(amount)}</td><td>{portion(each.probability)}"
-        f"{bar(each.probability, 'gat')}</td><td class=n>{number(lost)}</td>"
-        f"<td class=n>{degrees(each.rms)}</td>"
-        f"<td>{escape(reason(each, best, named, diagnosis))}</td></tr>"
-    )
-
-
-def reason(each: Cause, best: Cause, named: bool, diagnosis: Diagnosis) -> str:
-    """Why a candidate was or was not named."""
-    if named:
-        return "named"
-    if each.name in ("none", ""):
-        return "the model as it is, fitted within its tolerances"
-    first = diagnosis.causes[0] if diagnosis.causes else None
-    if first is not None and each.name in first.equivalent:
-        return f"cannot be told apart from {title(first)} in these logs"
-    if diagnosis.verdict == "none":
-        return "no better than the tolerances of the model"
-    if diagnosis.verdict == "unknown" and each is best:
-        return "fits best, but leaves too much to be the explanation"
-    lost = best.evidence - each.evidence
-    if math.isfinite(lost) and 0.0 <= lost < CLOSE:
-        return f"nearly as good as {title(best)}: these logs cannot decide"
-    if each.rms > 1.15 * best.rms:
-        return f"leaves {degrees(each.rms)} where the best leaves {degrees(best.rms)}"
-    if lost >= CLOSE:
-        return "similar residual, but the pattern in it fits less well"
-    return ""
-
-
 def location(diagnosis: Diagnosis) -> str:
     """Which joints, and how much of it tolerances cannot explain."""
     heading = "Where: residual of every joint"
@@ -171,8 +100,9 @@ def location(diagnosis: Diagnosis) -> str:
         "Rms of measured minus simulated on the fit logs, worst joint first. Pale bar: "
         "nominal model. Full bar: what is left after masses, gains and friction were "
         "fitted within their tolerances. Dot: extended model. Stroke: noise floor. "
-        "Beyond tolerances: share of the nominal residual's power that no tolerance "
-        "explains." + (f" {left} quieter joints are left out." if left else "")
+        "Beyond tolerances: share of the power left after tolerances that is more than "
+        "a right model leaves."
+        + (f" {left} quieter joints are left out." if left else "")
     )
     keys = key(
         ("none", "nominal (full: after tolerances)"),

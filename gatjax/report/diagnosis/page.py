@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from gatjax.report.diagnosis import evidence, gain, joints, tables
+from gatjax.report.diagnosis import candidates, evidence, gain, joints, tables
 from gatjax.report.diagnosis.read import Diagnosis, read_diagnosis
 from gatjax.report.document import document
 from gatjax.report.wording import escape
@@ -40,7 +40,7 @@ def render(diagnosis: Diagnosis) -> str:
         (
             evidence.head(diagnosis),
             _missing(diagnosis.problems),
-            evidence.candidate_table(diagnosis),
+            candidates.candidate_table(diagnosis),
             evidence.location(diagnosis),
             joints.joint_sections(diagnosis),
             gain.gain_section(diagnosis),

@@ -7,7 +7,10 @@ import math
 from gatjax.report.diagnosis.read import Cause, Value
 from gatjax.report.wording import DASH, percent, significant
 
-GREEK = {"N*m": "N m", "N*m*s/rad": "N m s/rad", "N*m/rad": "N m/rad", "1": ""}
+GREEK = {
+    "N*m": "N m", "N*m*s/rad": "N m s/rad", "N*m/rad": "N m/rad",
+    "kg*m^2": "kg m\N{SUPERSCRIPT TWO}", "1": "",
+}  # fmt: skip
 NAMES = {"": "cause", "none": "no hidden effect", "unknown": "unknown effect"}
 
 

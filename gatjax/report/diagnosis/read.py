@@ -42,6 +42,7 @@ class Cause(NamedTuple):
     evidence: float  # log evidence; nan if unknown
     rms: float  # rad, what it leaves
     equivalent: list[str]
+    step: int  # number of the cause that it was weighed for, from 1; 0: unknown
 
 
 class Joint(NamedTuple):
@@ -52,7 +53,7 @@ class Joint(NamedTuple):
     nominal: float
     tolerance: float  # after fitting tolerances only
     extended: float
-    beyond: float  # share of the nominal power that tolerances cannot explain
+    beyond: float  # share of the tolerances' power that no right model leaves
 
 
 class Horizon(NamedTuple):
@@ -168,6 +169,7 @@ def _cause(row: Mapping[str, Any]) -> Cause:
         entry = entry if isinstance(entry, dict) else {"value": entry}
         low, value, high = (number_in(entry, key) for key in ("low", "value", "high"))
         values.append(Value(str(name), value, low, high, str(entry.get("unit", ""))))
+    step = number_in(row, "step")
     return Cause(
         name=str(row.get("cause", "")),
         where=texts_of(row.get("where")),
@@ -177,6 +179,7 @@ def _cause(row: Mapping[str, Any]) -> Cause:
         evidence=number_in(row, "log_evidence"),
         rms=number_in(row, "rms"),
         equivalent=texts_of(row.get("equivalent")),
+        step=int(step) if math.isfinite(step) else 0,
     )
 
 

@@ -34,7 +34,7 @@ def unexplained(diagnosis: Diagnosis) -> str:
         else "What is left is within noise and tolerances."
     )
     if math.isfinite(share):
-        words += f" It is {percent(share)} of the nominal residual's power."
+        words += f" It is {percent(share)} of the power that tolerances leave."
     body = f"<p>{escape(words)}</p>"
     rows = [
         (
@@ -103,9 +103,9 @@ def calibration(diagnosis: Diagnosis) -> str:
         lines.append(cells)
     head = ("number", "where", "nominal", "fitted", "tolerance", "tolerance used")
     note = (
-        "<p class=note>These nominal numbers were fitted within what the user says is "
-        "possible. They are calibration and no findings; a bar at either end means "
-        "that the tolerance was used up.</p>"
+        "<p class=note>These nominal numbers were fitted, each with its tolerance as "
+        "one standard deviation. They are calibration and no findings; a bar at either "
+        "end means that the number is off by its tolerance or more.</p>"
     )
     return section("Calibration", folded(head, lines, SHOWN) + note)
 
@@ -135,26 +135,27 @@ def next_experiment(diagnosis: Diagnosis) -> str:
 
 def smallest_effects(diagnosis: Diagnosis) -> str:
     """For every cause the least effect that these logs could have shown."""
-    groups: dict[str, list[dict[str, Any]]] = {}
-    for row in diagnosis.rows("smallest_effects"):
-        if math.isfinite(number_in(row, "value")):
-            groups.setdefault(str(row.get("cause", "")), []).append(row)
     lines = []
-    for cause, rows in groups.items():
-        rows = sorted(rows, key=lambda row: abs(number_in(row, "value")))
-        ends = [
-            escape(size(number_in(row, "value"), str(row.get("unit", ""))))
-            + f"<small>{escape(place(texts_of(row.get('where'))))}</small>"
-            for row in (rows[0], rows[-1])
-        ]
-        lines.append([escape(cause_name(cause)), *ends[: len(rows)]])
+    for row in diagnosis.rows("smallest_effects"):
+        cause = cause_name(str(row.get("cause", "")))
+        parameter = str(row.get("parameter", "")).replace("_", " ")
+        amount = escape(size(number_in(row, "value"), str(row.get("unit", ""))))
+        if row.get("at_most"):
+            amount += "<small>the smallest that is looked for</small>"
+        lines.append(
+            (
+                f"{escape(cause)}<small>{escape(parameter)}</small>",
+                amount,
+                escape(place(texts_of(row.get("where")))),
+            )
+        )
     if not lines:
         return ""
-    lines = [row if len(row) == 3 else [*row, DASH] for row in lines]
-    head = ("cause", "smallest that shows", "at the least sensitive joint")
+    head = ("cause", "smallest that shows", "where it shows best")
     note = (
-        "<p class=note>Effects below these sizes may be there without being seen: the "
-        "verdict does not speak of them.</p>"
+        "<p class=note>Effects below these sizes, and causes that are neither named "
+        "nor listed, may be there without being seen: the verdict does not speak of "
+        "them.</p>"
     )
     return section(
         "What these logs could have shown", folded(head, lines, SHOWN) + note

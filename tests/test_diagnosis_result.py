@@ -1,0 +1,81 @@
+"""Candidates of diagnosis.json: what was weighed for each cause, and what is left."""
+
+import numpy as np
+import pytest
+from test_diagnosis_plant import joint, wave
+
+from gatjax.diagnosis.bank import CAUSES, OTHERS
+from gatjax.diagnosis.claims import Claim, Stance
+from gatjax.diagnosis.fit import Fit
+from gatjax.diagnosis.judge import Judge
+from gatjax.diagnosis.result import SHOWN, candidates
+from gatjax.diagnosis.verdict import Cause, Verdict
+
+FIT = Fit(
+    None, np.zeros(1), 0.0, np.full(4, 0.002), np.zeros((4, 1)), np.eye(1), 1e-2, True
+)  # fmt: skip
+
+
+class Bare(Judge):
+    """A judge of one joint that knows nothing of it."""
+
+    def __init__(self, most):
+        self.joints, self.case, self.most = [joint(wave)], None, most
+
+
+def claim(cause, gain, own=()):
+    hypothesis = next(h for h in CAUSES + OTHERS if cause in (h.cause, h.variant))
+    own = np.array(own or hypothesis.starts[0])
+    return Claim(hypothesis, own, (0,), {0: FIT}, gain)
+
+
+DRY = claim("coulomb_friction", 60.0, (np.log(0.1),))
+DELAY = claim("command_delay", 12.0, (np.log(0.02),))
+LAG = claim("first_order_lag", 9.0)
+SPRING = claim("parallel spring", 7.0)
+
+
+def verdict(causes, last=(), law=None, most=3):
+    return Verdict("named", causes, [], law, list(last), Bare(most))
+
+
+def test_a_candidate_has_its_numbers_and_the_step_it_was_weighed_in():
+    causes = [Cause(DRY, 0.96, [(LAG, 0.03)], []), Cause(DELAY, 0.7, [], [])]
+    first, rival, second = candidates(verdict(causes))
+    assert first == {
+        "cause": "coulomb_friction", "variant": "", "where": ["elbow"],
+        "parameters": {"torque": {"value": pytest.approx(0.5), "unit": "N*m"}},
+        "log_evidence": 60.0, "probability": 0.96, "rms": pytest.approx(0.002),
+        "step": 1,
+    }  # fmt: skip
+    assert (rival["cause"], rival["step"]) == ("first_order_lag", 1)
+    assert (second["cause"], second["step"]) == ("command_delay", 2)
+
+
+def test_what_was_weighed_beside_the_named_causes_is_there_too():
+    named = [Cause(DRY, 0.96, [], [])]
+    rows = candidates(verdict(named, [LAG, SPRING]))
+    told = [(row["cause"], row["step"], row["probability"]) for row in rows]
+    assert told == [
+        ("coulomb_friction", 1, 0.96), ("first_order_lag", 2, None),
+        ("parallel spring", 2, None),
+    ]  # fmt: skip
+    assert rows[2]["variant"] == "not in the catalogue" and not rows[2]["parameters"]
+    rows = candidates(verdict(named, [LAG, SPRING], law=SPRING))
+    assert [row["cause"] for row in rows[1:]] == ["parallel spring", "first_order_lag"]
+    many = candidates(verdict([], [LAG] * 99))
+    assert len(many) == SHOWN and {row["step"] for row in many} == {1}
+
+
+def test_nothing_is_weighed_after_the_last_cause_that_may_be_named():
+    stance = Stance("ground", {"mu": 0.3}, 0.2, 0.4, 2.0)
+    slip = DELAY._replace(
+        hypothesis=DELAY.hypothesis._replace(cause="ground_friction"),
+        where=(), fits={}, stance=stance,
+    )  # fmt: skip
+    rows = candidates(
+        verdict([Cause(slip, 0.9, [(LAG, 0.1)], [])], [slip, LAG], most=1)
+    )
+    assert [row["cause"] for row in rows] == ["ground_friction", "first_order_lag"]
+    assert rows[0]["where"] == ["ground"] and rows[0]["rms"] is None
+    assert rows[0]["parameters"] == {"mu": {"value": 0.3, "unit": "1"}}
