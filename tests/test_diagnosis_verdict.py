@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from gatjax.diagnosis import verdict
+from gatjax.diagnosis import experiment, verdict
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import Hypothesis
@@ -141,3 +141,11 @@ def test_a_cause_on_settled_loads_is_not_looked_for_elsewhere(concluded):
 
 def test_loads_that_do_not_follow_are_looked_at_once(concluded):
     assert concluded((["limit"], 0.0, []), None, 60.0, follows=False) == ["limit"]
+
+
+def test_the_next_experiment_is_about_the_least_sure_cause():
+    lag, delay, gain = (claim(name) for name in ("lag", "delay", "gain"))
+    sure = verdict.Cause(lag, 1.0, [(delay, 0.0)], [])
+    doubtful = verdict.Cause(gain, 0.7, [(lag, 0.2), (delay, 0.1)], [])
+    told = verdict.Verdict("ambiguous", [sure, doubtful], [], None, [], Told({}))
+    assert experiment.leading(told) == [gain, delay]  # lag is there anyway

@@ -23,10 +23,18 @@ SETTLE = 1.0  # s at the first target
 
 
 def leading(verdict: Verdict) -> list[Claim]:
-    """The two explanations to separate: the first cause and its best other rival."""
+    """The two explanations to separate: the least sure cause and its best other rival.
+
+    What is named besides is no rival.
+    """
     if verdict.causes:
-        first = verdict.causes[0]
-        claims = [first.claim, *(claim for claim, _ in first.rivals)]
+        least = min(verdict.causes, key=lambda cause: cause.probability)
+        sure = {(c.claim.hypothesis.cause, c.claim.place()) for c in verdict.causes}
+        rivals = (claim for claim, _ in least.rivals)
+        claims = [
+            least.claim,
+            *(c for c in rivals if (c.hypothesis.cause, c.place()) not in sure),
+        ]
     else:
         claims = [claim for claim in verdict.last if claim.gain > 0.0]
     named = [claim for claim in claims if claim.hypothesis.cause]
