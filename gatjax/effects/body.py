@@ -30,11 +30,10 @@ def _now(model: Any, fields: Fields, name: str) -> np.ndarray:
 
 
 def torque_limit(model: Any, fields: Fields, limit: Array) -> Fields:
-    """Lower the torque limit of the servos to `limit` [J] N m; inf is neutral."""
-    if not np.all(model.actuator_forcelimited):
-        raise ValueError(
-            "torque_limit needs a forcerange on every actuator in the MJCF"
-        )
+    """Lower the torque limit of the servos to `limit` [J] N m; inf is neutral.
+
+    Of a model as `robot.model.load` makes it: every servo has a limit, maybe inf.
+    """
     nominal = _now(model, fields, "actuator_forcerange")
     bound = np.asarray(limit)[:, None]
     return fields | {"actuator_forcerange": np.clip(nominal, -bound, bound)}

@@ -1,7 +1,8 @@
 """Cause names and what they mean: parameters, units, ranges, equation, source, effect.
 
 The names and first parameters are a contract (`docs/files.md`, world file). Ranges are
-what a robot of the size of a NAO may have, and generous.
+wider than all that the diagnosis can find on any robot, a finger or an arm that lifts
+cars; they refuse wrong signs and units.
 """
 
 from __future__ import annotations
@@ -11,7 +12,9 @@ from gatjax.effects.cause import Cause, Part
 from gatjax.effects.cause import Parameter as P
 
 INF, NAN = float("inf"), float("nan")
-LONGEST = 0.1  # s, of a delay
+LONGEST = 0.21  # s, of a delay
+MOST = 1e6  # N m; with damping, N m s/rad
+TURN = 3.2  # rad, half a turn
 
 
 def _body(build, *takes: str) -> tuple[Part, ...]:
@@ -40,13 +43,13 @@ CATALOGUE = {
         "measured(t) = angle(t - delay)", "B-Human: NAO sensors are 1 to 2 cycles old",
     ),
     "dropped_commands": Cause(
-        (P("probability", "1", 0.0, 0.9), P("burst", "1", 1.0, 50.0, 2.0)), 0.0,
+        (P("probability", "1", 0.0, 1.0), P("burst", "1", 1.0, 1e5, 2.0)), 0.0,
         (Part("command", _plain(drive.loss), ("probability", "burst")),),
         "target lost with this share, last one held; two-state Markov chain",
         "Gilbert, Bell System Technical Journal 39, 1960",
     ),
     "first_order_lag": Cause(
-        (P("time_constant", "s", 0.0, 0.3),), 0.0,
+        (P("time_constant", "s", 0.0, 0.6),), 0.0,
         (Part("motor", drive.lag, ("time_constant",)),),
         "time_constant y' = target - y", "SimRobot 2 servo: 50 ms",
     ),
@@ -55,60 +58,60 @@ CATALOGUE = {
         "kp -> scale kp", "servo gain of the NAO is unpublished",
     ),
     "damping_error": Cause(
-        (P("scale", "1", 0.0, 30.0),), 1.0, _body(body.damping_error, "scale"),
+        (P("scale", "1", 0.0, 100.0),), 1.0, _body(body.damping_error, "scale"),
         "kv -> scale kv", "back EMF kt^2/R: 0.03 to 1.6 N m s/rad, BAM parameter files",
     ),
     "torque_limit": Cause(
-        (P("limit", "N*m", 0.01, 50.0),), INF, _body(body.torque_limit, "limit"),
+        (P("limit", "N*m", 1e-6, MOST),), INF, _body(body.torque_limit, "limit"),
         "|servo torque| <= limit", "NAO v5 URDF effort: 3.0 and 3.3 N m",
     ),
     "speed_limit": Cause(
-        (P("limit", "rad/s", 0.05, 30.0), P("on_motor", "1", 0.0, 1.0, 0.0)), INF,
+        (P("limit", "rad/s", 0.05, 40.0), P("on_motor", "1", 0.0, 1.0, 0.0)), INF,
         (Part("motor", drive.speed_limit, ("limit",), ("on_motor", 0.0)),
          Part("joint", joint.speed_line, ("limit",), ("on_motor", 1.0))),
         "on_motor 0: |d target/dt| <= limit inside the servo; 1: torque <= stall "
         "(1 - v / limit)", "NAO6 datasheet: 4.5 and 7.0 rad/s",
     ),
     "viscous_friction": Cause(
-        (P("coefficient", "N*m*s/rad", 0.0, 10.0),), 0.0,
+        (P("coefficient", "N*m*s/rad", 0.0, MOST),), 0.0,
         _body(body.viscous_friction, "coefficient"),
         "torque = -coefficient velocity", "SimRobot 3: 0.01",
     ),
     "coulomb_friction": Cause(
-        (P("torque", "N*m", 0.0, 5.0),), 0.0, _body(body.coulomb_friction, "torque"),
+        (P("torque", "N*m", 0.0, MOST),), 0.0, _body(body.coulomb_friction, "torque"),
         "dry friction torque added to frictionloss", "SimSpark naov4: 0.1 N m",
     ),
     "stiction": Cause(
-        (P("excess", "N*m", 0.0, 8.0), P("velocity", "rad/s", 0.002, 5.0, 0.1)), 0.0,
+        (P("excess", "N*m", 0.0, MOST), P("velocity", "rad/s", 0.002, 5.0, 0.1)), 0.0,
         (Part("joint", _plain(joint.stiction), ("excess", "velocity")),
          Part("body", body.holding, ("excess",))),
         "dry friction grows by excess exp(-(v / velocity)^2)",
         "Stribeck; BAM: excess 0.005 to 0.12 N m at 1.5 to 2.9 rad/s",
     ),
     "load_friction": Cause(
-        (P("coefficient", "1", 0.0, 3.0),), 0.0,
+        (P("coefficient", "1", 0.0, 5.0),), 0.0,
         (Part("joint", _plain(joint.load_friction), ("coefficient",)),
          Part("body", body.holding, ("coefficient",))),
         "dry friction grows by coefficient |servo torque|", "BAM: 7 to 31 %",
     ),
     "backlash": Cause(
-        (P("width", "rad", 0.0, 0.2), *_GEAR), 0.0,
+        (P("width", "rad", 0.0, 0.25), *_GEAR), 0.0,
         (Part("gear", None, ("width", "encoder_on_motor", "link_share")),),
         "motor and link are two inertias with a gap of this total width between them",
         "B-Human joint play: 1.0-1.4 deg; Dynamixel e-manual: 0.25 deg",
     ),
     "dead_band": Cause(
-        (P("half_width", "rad", 0.0, 0.2),), 0.0,
+        (P("half_width", "rad", 0.0, 0.25),), 0.0,
         (Part("motor", _plain(drive.dead_band), ("half_width",), sees=True),),
         "no torque while |target - angle| < half_width", "E1 prototype: 0.5 deg",
     ),
     "command_quantization": Cause(
-        (P("step", "rad", 0.0, 0.3),), 0.0,
+        (P("step", "rad", 0.0, 0.35),), 0.0,
         (Part("motor", _plain(drive.quantization), ("step",)),),
         "target -> step floor(target / step + 1/2)", "Dynamixel: 0.088 to 0.3 deg",
     ),
     "joint_elasticity": Cause(
-        (P("stiffness", "N*m/rad", 0.1, 5000.0),
+        (P("stiffness", "N*m/rad", 1e-6, 1e8),
          P("damping_ratio", "1", 0.0, 2.0, 0.05), *_GEAR), INF,
         (Part("gear", None,
               ("stiffness", "damping_ratio", "encoder_on_motor", "link_share")),),
@@ -116,20 +119,20 @@ CATALOGUE = {
         "Spong 1987, flexible joint model; 8 to 300 N m/rad for servos",
     ),
     "torque_ripple": Cause(
-        (P("amplitude", "N*m", 0.0, 8.0), P("cycles", "1/rad", 0.1, 300.0, 10.0),
+        (P("amplitude", "N*m", 0.0, MOST), P("cycles", "1/rad", 0.1, 300.0, 10.0),
          P("phase", "rad", -20.0, 20.0, 0.0)), 0.0,
         (Part("joint", _plain(joint.ripple), ("amplitude", "cycles", "phase")),),
         "torque = amplitude sin(cycles angle + phase)", "cogging: 1 to 10 % of stall",
     ),
     "asymmetric_friction": Cause(
-        (P("torque", "N*m", -5.0, 5.0),), 0.0,
+        (P("torque", "N*m", -MOST, MOST),), 0.0,
         (Part("joint", _plain(joint.bias), ("torque",)),
          Part("body", body.asymmetric_friction, ("torque",))),
         "dry friction grows by |torque| in the direction of torque only",
         "cables and directional gear efficiency: 0.02 to 0.3 N m",
     ),
     "encoder_offset": Cause(
-        (P("offset", "rad", -0.5, 0.5), P("in_loop", "1", 0.0, 1.0, 0.0)), 0.0,
+        (P("offset", "rad", -1.0, 1.0), P("in_loop", "1", 0.0, 1.0, 0.0)), 0.0,
         (Part("sensor", _plain(sensor.offset), ("offset",)),
          Part("motor", _plain(drive.shifted), ("offset",), ("in_loop", 1.0))),
         "measured = angle + offset; in_loop 1: the servo sees it too",
@@ -143,39 +146,39 @@ CATALOGUE = {
         "potentiometers: 1 to 12 %",
     ),
     "payload": Cause(
-        (P("mass", "kg", 0.0, 10.0), P("x", "m", -0.5, 0.5, NAN),
-         P("y", "m", -0.5, 0.5, NAN), P("z", "m", -0.5, 0.5, NAN)), 0.0,
+        (P("mass", "kg", 0.0, 1000.0), P("x", "m", -10.0, 10.0, NAN),
+         P("y", "m", -10.0, 10.0, NAN), P("z", "m", -10.0, 10.0, NAN)), 0.0,
         _body(body.payload, "mass", "x", "y", "z"),
         "point mass on the link at x, y, z (its centre of mass if left out)",
         "NAO: batteries and covers change links by 5 to 100 %",
     ),
     "com_shift": Cause(
-        (P("distance", "m", 0.0, 0.3), P("x", "m", -0.3, 0.3, 1.0),
-         P("y", "m", -0.3, 0.3, 0.0), P("z", "m", -0.3, 0.3, 0.0)), 0.0,
+        (P("distance", "m", 0.0, 2.0), P("x", "m", -1.0, 1.0, 1.0),
+         P("y", "m", -1.0, 1.0, 0.0), P("z", "m", -1.0, 1.0, 0.0)), 0.0,
         _body(body.com_shift, "x", "y", "z"),
         "centre of mass moves by (x, y, z) in the link's frame, |(x, y, z)| = distance",
         "CAD against weighed links: 5 to 30 mm", direction=("x", "y", "z"),
     ),
     "armature": Cause(
-        (P("inertia", "kg*m^2", 0.0, 0.5),), 0.0, _body(body.armature, "inertia"),
+        (P("inertia", "kg*m^2", 0.0, 1e4),), 0.0, _body(body.armature, "inertia"),
         "inertia added to the rotor's at the joint", "BAM: 0.0011 to 0.028 kg m^2",
     ),
     "gravity_tilt": Cause(
-        (P("angle", "rad", 0.0, 1.0), P("roll", "rad", -1.0, 1.0, 0.0),
-         P("pitch", "rad", -1.0, 1.0, 1.0)), 0.0,
+        (P("angle", "rad", 0.0, 2.0 * TURN), P("roll", "rad", -TURN, TURN, 0.0),
+         P("pitch", "rad", -TURN, TURN, 1.0)), 0.0,
         _body(body.gravity_tilt, "roll", "pitch"),
         "mounting turned by roll, then pitch; |(roll, pitch)| = angle",
         "grounds of 0.5 to 6 deg", "all", ("roll", "pitch"),
     ),
     "thermal_derating": Cause(
         (P("lost_fraction", "1", 0.0, 0.95), P("cooling", "s", 0.5, 3600.0, 60.0),
-         P("heat", "N^2*m^2*s", 1e-6, 1e9, NAN)), 0.0,
+         P("heat", "N^2*m^2*s", 1e-12, 1e15, NAN)), 0.0,
         (Part("joint", joint.thermal, ("lost_fraction", "cooling", "heat")),),
         "lost share = lost_fraction warmth / heat, warmth' = torque^2 - warmth/cooling",
         "Aldebaran motor pages: nominal torque is 20 to 25 % of stall",
     ),
     "supply_sag": Cause(
-        (P("max_drop", "1", 0.0, 0.9), P("total", "N*m", 0.01, 1e4, NAN)), 0.0,
+        (P("max_drop", "1", 0.0, 0.9), P("total", "N*m", 1e-6, 100.0 * MOST, NAN)), 0.0,
         (Part("joint", _plain(joint.supply), ("max_drop", "total")),),
         "lost share = max_drop min(1, sum |torque| / total)",
         "Dynamixel stall torque over voltage: 5 to 25 %", "all",
@@ -186,19 +189,19 @@ CATALOGUE = {
         "quartz 10 to 500 ppm", "all",
     ),
     "imu_misalignment": Cause(
-        (P("angle", "rad", 0.0, 1.0), P("roll", "rad", -1.0, 1.0, 0.0),
-         P("pitch", "rad", -1.0, 1.0, 1.0), P("yaw", "rad", -1.0, 1.0, 0.0)), 0.0,
+        (P("angle", "rad", 0.0, 2.0 * TURN), P("roll", "rad", -TURN, TURN, 0.0),
+         P("pitch", "rad", -TURN, TURN, 1.0), P("yaw", "rad", -TURN, TURN, 0.0)), 0.0,
         (Part("sensor", _plain(sensor.misalignment), ("roll", "pitch", "yaw")),),
         "sensor axes turned by roll, pitch, yaw; |(roll, pitch, yaw)| = angle",
         "mounting of IMUs: 0.5 to 5 deg", "imu", ("roll", "pitch", "yaw"),
     ),
     "ground_friction": Cause(
-        (P("mu", "1", 0.01, 3.0),), NAN, _body(ground.friction, "mu"),
+        (P("mu", "1", 1e-4, 10.0),), NAN, _body(ground.friction, "mu"),
         "|tangential force| <= mu normal force", "carpet to tiles: 0.2 to 1.2",
         "ground",
     ),
     "ground_compliance": Cause(
-        (P("time_constant", "s", 0.002, 0.3),), NAN,
+        (P("time_constant", "s", 1e-4, 5.0),), NAN,
         _body(ground.compliance, "time_constant"),
         "contacts are a spring and damper with this time constant",
         "MuJoCo solref; grass and carpet: 5 to 200 kN/m", "ground",

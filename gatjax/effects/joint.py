@@ -97,7 +97,8 @@ def speed_line(period: float) -> Effect:
 
     torque <= stall (1 - v / limit) forwards, and the same backwards; stall is the
     torque limit of the servo. The line is not steeper than what stops the joint in one
-    step, so that a light joint does not chatter on it.
+    step, so that a light joint does not chatter on it; that steep it is without a
+    torque limit.
     """
 
     def change(limit: Array, drive: Drive) -> Drive:
@@ -106,8 +107,9 @@ def speed_line(period: float) -> Effect:
         most = (servo.rotor + servo.link) / period
 
         def braked(stall: Array, speed: Array) -> Array:
-            loss = xp.minimum(stall / limit, most) * speed
-            return xp.clip(stall - loss, -stall, stall)
+            stall = xp.where(xp.isfinite(stall), stall, most * limit)
+            slope = xp.where(xp.isfinite(limit), xp.minimum(stall / limit, most), 0.0)
+            return xp.clip(stall - slope * speed, -stall, stall)
 
         return drive._replace(
             servo=servo._replace(

@@ -29,6 +29,9 @@ def model_file(path: str | Path) -> Path:
 def load(path: str | Path = "nao", timestep: float | None = None) -> mujoco.MjModel:
     """Load a MuJoCo model; `nao` is the one that ships with gatjax.
 
+    A servo without a torque limit gets an infinite one: it never acts, but it can be
+    lowered in compiled code, where it is fixed which servos have one.
+
     Args:
         path: MJCF file, or "nao".
         timestep: physics step in s, if it shall differ from the file's.
@@ -43,6 +46,8 @@ def load(path: str | Path = "nao", timestep: float | None = None) -> mujoco.MjMo
         raise ValueError(f"{file} is not a valid MJCF model: {reason}") from error
     if timestep is not None:
         model.opt.timestep = timestep
+    model.actuator_forcerange[model.actuator_forcelimited == 0] = -np.inf, np.inf
+    model.actuator_forcelimited[:] = 1
     return model
 
 
