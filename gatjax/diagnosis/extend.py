@@ -15,6 +15,7 @@ from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.verdict import Verdict
 from gatjax.effects.catalogue import CATALOGUE
 from gatjax.robot import model as robot_model
+from gatjax.sim import causes, derived
 from gatjax.sim import world as worlds
 from gatjax.sim.world import World
 from gatjax.task import Task
@@ -42,16 +43,7 @@ def parameters(judge: Judge, claim: Claim) -> dict[str, float]:
 
 
 def world_values(judge: Judge, claim: Claim) -> dict[str, float]:
-    """A claim's parameters as the World's effect takes them, within its ranges."""
-    ranges = {p.name: p for p in CATALOGUE[claim.hypothesis.cause].parameters}
-    return {
-        name: float(np.clip(value, ranges[name].low, ranges[name].high))
-        for name, value in _converted(judge, claim).items()
-    }
-
-
-def _converted(judge: Judge, claim: Claim) -> dict[str, float]:
-    """A claim's parameters under the names of the World's effect."""
+    """A claim's parameters as the World's effect takes them."""
     values = parameters(judge, claim)
     if claim.stance is not None:
         return values
@@ -62,7 +54,7 @@ def _converted(judge: Judge, claim: Claim) -> dict[str, float]:
         return {"limit": limit, "on_motor": float(on_motor)}
     if cause == "thermal_derating":
         heat = values["lost_fraction"] * nominal["limit"] ** 2 / np.exp(claim.own[0])
-        return values | {"heat": float(max(heat, 1e-6))}
+        return values | {"heat": float(max(heat, 1e-12))}
     if cause == "supply_sag":
         return values | {"total": judge.case.supply}
     if cause == "joint_elasticity":
@@ -152,33 +144,70 @@ def write_model(path: Path, world: World) -> list[str]:
         path: of the new MJCF file.
         world: with a model file as its source.
     """
-    spec = mujoco.MjSpec.from_file(str(robot_model.model_file(world.source)))
+    file = robot_model.model_file(world.source).resolve()
+    spec, model = mujoco.MjSpec.from_file(str(file)), world.model
     spec.compile()
-    changed, model = worlds.fields_applied(world), world.model
-    for k in range(model.nu):
-        joint = spec.joint(model.joint(int(model.actuator_trnid[k, 0])).name)
-        dof = int(model.jnt_dofadr[model.actuator_trnid[k, 0]])
-        joint.damping[0] = float(changed.dof_damping[dof])
-        joint.frictionloss = float(changed.dof_frictionloss[dof])
-        joint.armature = float(changed.dof_armature[dof])
-        servo = spec.actuator(model.actuator(k).name)
-        servo.gainprm[:] = changed.actuator_gainprm[k]
-        servo.biasprm[:] = changed.actuator_biasprm[k]
-        servo.forcerange[:] = changed.actuator_forcerange[k]
-    for k in range(1, model.nbody):
-        body = spec.body(model.body(k).name)
-        if not np.allclose(changed.body_mass[k], model.body_mass[k]):
-            body.mass = float(changed.body_mass[k])
-        if not np.allclose(changed.body_ipos[k], model.body_ipos[k]):
-            body.ipos[:] = changed.body_ipos[k]
-    spec.option.gravity[:] = changed.opt.gravity
+    fields, _ = causes.of_model(model, world.causes)  # gears left out
+    changed = mujoco.MjModel.__copy__(model)
+    derived.settle(changed, fields)
+    _write_servos(spec, changed)
+    if "body_ipos" in fields:
+        _write_bodies(spec, changed)
     _write_geoms(spec, model, changed)
+    spec.option.gravity[:] = changed.opt.gravity
+    spec.option.iterations = changed.opt.iterations
+    spec.option.ls_iterations = changed.opt.ls_iterations
+    assets = (*spec.meshes, *spec.hfields, *spec.skins, *spec.textures)
+    if any(each.file for each in assets):
+        compiler = spec.compiler
+        compiler.meshdir = str(file.parent / compiler.meshdir)
+        compiler.texturedir = str(file.parent / compiler.texturedir)
     path.write_text(spec.to_xml(), encoding="utf-8")
+    return lacking(world)
+
+
+def lacking(world: World) -> list[str]:
+    """Causes of a world that plain MJCF cannot express, in words."""
     return [
         f"{row['cause']} at {', '.join(row['where'])}: {_told(row['values'])}"
         for row in world.causes
         if any(part.slot != "body" for part in CATALOGUE[row["cause"]].parts)
     ]
+
+
+def _write_servos(spec: mujoco.MjSpec, changed: mujoco.MjModel) -> None:
+    """Write driven joints and their servos; a torque limit where there is one."""
+    joints = {joint.id: joint for joint in spec.joints}
+    for servo in spec.actuators:
+        k, held = servo.id, int(changed.actuator_trnid[servo.id, 0])
+        joint, dof = joints[held], int(changed.jnt_dofadr[held])
+        joint.damping[0] = float(changed.dof_damping[dof])
+        joint.frictionloss = float(changed.dof_frictionloss[dof])
+        joint.armature = float(changed.dof_armature[dof])
+        joint.solref_friction[:] = changed.dof_solref[dof]
+        joint.solimp_friction[:] = changed.dof_solimp[dof]
+        servo.gainprm[:] = changed.actuator_gainprm[k]
+        servo.biasprm[:] = changed.actuator_biasprm[k]
+        if np.isfinite(changed.actuator_forcerange[k]).all():
+            servo.forcerange[:] = changed.actuator_forcerange[k]
+            servo.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
+
+
+def _write_bodies(spec: mujoco.MjSpec, changed: mujoco.MjModel) -> None:
+    """Write the masses of all bodies as they are, whatever their geoms weigh."""
+    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+    spec.compiler.settotalmass = -1.0
+    for body in spec.bodies:
+        k = body.id
+        if k == 0:
+            continue  # the world
+        body.explicitinertial = True
+        body.mass = float(changed.body_mass[k])
+        body.ipos[:] = changed.body_ipos[k]
+        body.iquat[:] = changed.body_iquat[k]
+        body.inertia[:] = changed.body_inertia[k]
+        body.fullinertia[:] = np.nan
+        body.ialt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
 
 
 def _write_geoms(
@@ -187,14 +216,27 @@ def _write_geoms(
     """Write what a world changes in floor and soles."""
     for geom in spec.geoms:
         k = geom.id
-        if not np.allclose(changed.geom_friction[k], model.geom_friction[k]):
-            geom.friction[:] = changed.geom_friction[k]
-        if not np.allclose(changed.geom_solref[k], model.geom_solref[k]):
-            geom.solref[:] = changed.geom_solref[k]
-        if not np.allclose(changed.geom_pos[k], model.geom_pos[k]):
-            geom.pos[:] = changed.geom_pos[k]
-        if not np.allclose(changed.geom_quat[k], model.geom_quat[k]):
-            geom.quat[:] = changed.geom_quat[k]
+        geom.friction[:] = changed.geom_friction[k]
+        geom.solref[:] = changed.geom_solref[k]
+        frames = [np.r_[m.geom_pos[k], m.geom_quat[k]] for m in (model, changed)]
+        if not np.allclose(*frames):
+            _move(geom, changed)
+
+
+def _move(geom: mujoco.MjsGeom, changed: mujoco.MjModel) -> None:
+    """Write where a geom is; MuJoCo has a mesh where its principal axes are."""
+    k, mesh = geom.id, changed.geom_dataid[geom.id]
+    place, turn = changed.geom_pos[k].copy(), changed.geom_quat[k].copy()
+    if geom.type == mujoco.mjtGeom.mjGEOM_MESH:
+        back, offset = np.zeros(4), np.zeros(3)
+        mujoco.mju_negQuat(back, changed.mesh_quat[mesh])
+        mujoco.mju_mulQuat(turn, changed.geom_quat[k], back)
+        mujoco.mju_rotVecQuat(offset, changed.mesh_pos[mesh], turn)
+        place -= offset
+    else:
+        geom.size[:] = changed.geom_size[k]
+    geom.pos[:], geom.quat[:] = place, turn
+    geom.alt.type, geom.fromto[:] = mujoco.mjtOrientation.mjORIENTATION_QUAT, np.nan
 
 
 def _told(values: dict[str, float]) -> str:

@@ -1,0 +1,205 @@
+"""A verdict as a world and as plain MJCF: nothing is clipped, lost or added."""
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from gatjax.diagnosis.bank import CAUSES
+from gatjax.diagnosis.claims import Claim
+from gatjax.diagnosis.extend import parameters, world_values, write_model
+from gatjax.diagnosis.hypotheses import Hypothesis
+from gatjax.diagnosis.joint import GRAVITY, Joint, Link
+from gatjax.diagnosis.judge import Judge
+from gatjax.effects.catalogue import CATALOGUE
+from gatjax.effects.cause import check_range, complete
+from gatjax.robot import model as robot_model
+from gatjax.sim.world import World, add_cause, fields_applied, nominal
+from gatjax.task import Task
+
+ARM = """
+<mujoco>
+  <compiler meshdir="assets" {compiler}/>
+  <option timestep="0.002" iterations="4"/>
+  <asset><mesh name="wedge" file="wedge.obj"/></asset>
+  <worldbody>
+    <body pos="0 0 1">
+      <joint name="lift" axis="0 1 0" damping="0.1" frictionloss="0.02"/>
+      <geom type="mesh" mesh="wedge" euler="10 20 30"/>
+      <geom type="capsule" fromto="0 0 0 0.2 0 0.1" size="0.02"/>
+      <body pos="0.2 0 0.1" euler="0 30 0">
+        <joint name="turn" axis="1 0 0"/>
+        <inertial pos="0.02 0 0.05" mass="0.4"
+          fullinertia="4e-4 5e-4 6e-4 5e-5 0 2e-5"/>
+        <geom type="box" size="0.05 0.02 0.03"/>
+        <body pos="0 0 0.1">
+          <joint name="nod" axis="0 1 0"/>
+          <geom type="box" size="0.02 0.02 0.1"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <position joint="lift" kp="20" dampratio="1" forcerange="-6 6"/>
+    <position joint="turn" kp="8" kv="0.2"/>
+    <position joint="nod" kp="8" kv="0.2" forcelimited="false"/>
+  </actuator>
+</mujoco>
+"""
+WEDGE = """
+v 0 0 0
+v 0.1 0 0
+v 0 0.05 0
+v 0 0 0.15
+f 1 3 2
+f 1 2 4
+f 1 4 3
+f 2 3 4
+"""
+
+
+def arm(folder: Path, compiler: str = "") -> World:
+    """Masses from geoms and a mesh; two of three servos without a limit."""
+    (folder / "robot" / "assets").mkdir(parents=True)
+    (folder / "robot" / "assets" / "wedge.obj").write_text(WEDGE)
+    file = folder / "robot" / "arm.xml"
+    file.write_text(ARM.format(compiler=compiler))
+    return nominal(Task(control_period=0.01), file, 5e-4)
+
+
+def written(folder: Path, world: World) -> mujoco.MjModel:
+    """The model that another folder's extended.xml describes."""
+    (folder / "found").mkdir()
+    write_model(folder / "found" / "extended.xml", world)
+    return robot_model.load(folder / "found" / "extended.xml")
+
+
+@pytest.mark.parametrize("compiler", ["", 'inertiafromgeom="true"'])
+def test_a_written_model_is_the_extended_world(tmp_path: Path, compiler: str) -> None:
+    """It loads from another folder, and has every field that the world changes."""
+    world = arm(tmp_path, compiler)
+    for name, where, values in (
+        ("payload", "lift", {"mass": 0.3, "x": 0.1, "y": 0.02, "z": 0.05}),
+        ("com_shift", "turn", {"x": 0.01, "z": -0.02}),
+        ("coulomb_friction", "turn", {"torque": 0.2}),
+        ("viscous_friction", "lift", {"coefficient": 0.3}),
+        ("armature", "nod", {"inertia": 0.004}),
+        ("gain_error", "lift", {"scale": 0.7}),
+        ("damping_error", "turn", {"scale": 2.0}),
+        ("torque_limit", "nod", {"limit": 1.5}),
+        ("gravity_tilt", "all", {"roll": 0.1, "pitch": -0.05}),
+    ):
+        world = add_cause(world, name, [where], values)
+    found, expected = written(tmp_path, world), fields_applied(world)
+    for name in (*world.values.body, "opt.iterations", "opt.ls_iterations"):
+        owners = [m.opt if "." in name else m for m in (found, expected)]
+        ours, theirs = (getattr(o, name.removeprefix("opt.")) for o in owners)
+        np.testing.assert_allclose(ours, theirs, rtol=2e-4, atol=1e-6, err_msg=name)
+    assert np.isinf(found.actuator_forcerange[1]).all()
+    assert (tmp_path / "found" / "extended.xml").read_text().count("forcerange") == 2
+
+
+def test_a_joint_with_backlash_keeps_its_servo(tmp_path: Path) -> None:
+    """Plain MJCF has no gear: the file says nothing of it, and is told to."""
+    world = add_cause(arm(tmp_path), "backlash", ["lift"], 0.02)
+    found, plain = written(tmp_path, world), arm(tmp_path / "again").model
+    for name in ("actuator_gainprm", "actuator_biasprm", "dof_armature", "dof_damping"):
+        np.testing.assert_allclose(
+            getattr(found, name), getattr(plain, name), rtol=1e-5, err_msg=name
+        )
+    told = write_model(tmp_path / "extended.xml", world)
+    assert told == ["backlash at lift: width 0.02"]
+
+
+FEET = """
+<mujoco>
+  <compiler meshdir="assets"/>
+  <asset><mesh name="wedge" file="wedge.obj" inertia="convex"/></asset>
+  <worldbody>
+    <geom type="plane" size="1 1 1"/>
+    <body pos="0 0 1">
+      <freejoint/>
+      <geom type="box" size="0.1 0.1 0.1"/>
+      <body name="box" pos="0 0.1 -0.3"><joint name="a" axis="0 1 0"/>
+        <geom type="box" size="0.08 0.04 0.01" euler="0 5 20"/></body>
+      <body name="rails" pos="0 -0.1 -0.3"><joint name="b" axis="0 1 0"/>
+        <geom type="capsule" fromto="0.05 -0.04 0 0.05 0.04 0" size="0.01"/>
+        <geom type="capsule" fromto="-0.05 -0.04 0 -0.05 0.04 0" size="0.01"/></body>
+      <body name="cast" pos="0 0 -0.3"><joint name="c" axis="0 1 0"/>
+        <geom type="mesh" mesh="wedge" axisangle="0 1 0 40" pos="0.01 0 0.02"/></body>
+    </body>
+  </worldbody>
+  <actuator>
+    <position joint="a" kp="20"/><position joint="b" kp="20"/>
+    <position joint="c" kp="20"/>
+  </actuator>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("foot", ["box", "rails", "cast"])
+def test_a_worn_sole_is_written_whatever_its_shape(tmp_path: Path, foot: str) -> None:
+    """Angles, ends of a rail, and the frame of a mesh are not where MuJoCo has them."""
+    arm(tmp_path)
+    file = tmp_path / "robot" / "feet.xml"
+    file.write_text(FEET)
+    world = nominal(Task(control_period=0.01), file)
+    world = add_cause(world, "sole_geometry", [foot], {"wear": 0.004})
+    found, expected = written(tmp_path, world), fields_applied(world)
+    for name in ("geom_pos", "geom_quat"):
+        ours, theirs = getattr(found, name), getattr(expected, name)
+        assert (
+            np.abs(theirs - getattr(world.model, name)).max() > 1e-4 or foot == "rails"
+        )
+        np.testing.assert_allclose(ours, theirs, atol=1e-6, err_msg=name)
+
+
+STRONG = {
+    "limit": 9e5, "kp": 1e5, "kv": 1e4, "damping": 500.0, "friction": 200.0,
+    "armature": 50.0,
+}  # fmt: skip
+WEAK = {
+    "limit": 0.01, "kp": 0.02, "kv": 1e-4, "damping": 1e-4, "friction": 1e-3,
+    "armature": 1e-6,
+}  # fmt: skip
+
+
+class Warm(Joint):
+    """A joint whose motor gets as warm as its limit does in 100 s."""
+
+    def outcome(self, drives: list, geared: bool) -> Any:
+        """What is read of a simulation."""
+        return SimpleNamespace(heat=np.array([100.0]))
+
+
+def judged(numbers: dict[str, float]) -> Judge:
+    """What `world_values` reads of a judge of one joint."""
+    gravity = dict(zip(GRAVITY, (0.0, 0.0, -9.81), strict=True))
+    none: Any = None
+    joint = Warm(
+        "joint", 0, numbers | gravity, none, 0, none, none, none, 1e-4,
+        link=Link(200.0, np.array([1.5, 0.0, -1.5])),
+    )  # fmt: skip
+    judge: Any = object.__new__(Judge)
+    judge.joints, judge.case = [joint], SimpleNamespace(supply=numbers["limit"])
+    return judge
+
+
+@pytest.mark.parametrize(
+    "judge", [judged(STRONG), judged(WEAK)], ids=["strong", "weak"]
+)
+@pytest.mark.parametrize("hypothesis", CAUSES, ids=lambda h: h.name)
+def test_the_world_takes_all_that_the_search_can_find(
+    hypothesis: Hypothesis, judge: Judge
+) -> None:
+    """As it is, of a finger as of a robot that lifts cars."""
+    entry = CATALOGUE[hypothesis.cause]
+    for own in (hypothesis.low, *hypothesis.starts, hypothesis.high):
+        claim = Claim(hypothesis, np.array(own), (0,), {}, 0.0)
+        values, found = world_values(judge, claim), parameters(judge, claim)
+        check_range(hypothesis.cause, entry, complete(hypothesis.cause, entry, values))
+        if "no_torque_speed" not in found:
+            assert values == values | found
