@@ -10,10 +10,11 @@ import pytest
 
 from gatjax.diagnosis.bank import CAUSES
 from gatjax.diagnosis.claims import Claim
-from gatjax.diagnosis.extend import parameters, world_values, write_model
+from gatjax.diagnosis.extend import effects, parameters, world_values
 from gatjax.diagnosis.hypotheses import Hypothesis
 from gatjax.diagnosis.joint import GRAVITY, Joint, Link
 from gatjax.diagnosis.judge import Judge
+from gatjax.diagnosis.mjcf import lacking, write_model
 from gatjax.effects.catalogue import CATALOGUE
 from gatjax.effects.cause import check_range, complete
 from gatjax.robot import model as robot_model
@@ -110,7 +111,8 @@ def test_a_joint_with_backlash_keeps_its_servo(tmp_path: Path) -> None:
         np.testing.assert_allclose(
             getattr(found, name), getattr(plain, name), rtol=1e-5, err_msg=name
         )
-    told = write_model(tmp_path / "extended.xml", world)
+    write_model(tmp_path / "extended.xml", world)
+    told = lacking(world)
     assert told == ["backlash at lift: width 0.02"]
 
 
@@ -203,3 +205,24 @@ def test_the_world_takes_all_that_the_search_can_find(
         check_range(hypothesis.cause, entry, complete(hypothesis.cause, entry, values))
         if "no_torque_speed" not in found:
             assert values == values | found
+
+
+def test_a_shared_share_is_another_torque_at_a_weaker_joint() -> None:
+    """Friction of a tenth of each limit: what each joint was fitted with."""
+    [hypothesis] = [h for h in CAUSES if h.cause == "coulomb_friction"]
+    [lag] = [h for h in CAUSES if h.cause == "first_order_lag"]
+    judge = judged(STRONG)
+    strong = judge.joints[0]
+    weak = strong._replace(
+        name="wrist", index=1, nominal=judged(WEAK).joints[0].nominal
+    )
+    judge.joints = [strong, weak, strong._replace(name="other", index=2)]
+    own = np.log(np.array([0.1]))
+    found = effects(judge, Claim(hypothesis, own, (0, 1), {}, 0.0))
+    assert [where for _, where, _ in found] == [["joint"], ["wrist"]]
+    for (_, _, values), joint in zip(found, judge.joints, strict=False):
+        drive: dict[str, float] = {}
+        hypothesis.put(drive, joint, own)
+        assert values["torque"] == pytest.approx(drive["friction"])
+    shared = effects(judge, Claim(lag, own, (0, 1, 2), {}, 0.0))
+    assert [where for _, where, _ in shared] == [["all"]]

@@ -18,6 +18,7 @@ from gatjax.diagnosis import (
     extend,
     fallback,
     measure,
+    mjcf,
     result,
     sensitivity,
 )
@@ -101,7 +102,6 @@ def diagnose(
     _write_signals(out / "signals.parquet", joints, logs, unseen, pairs, verdict)
     made_by = {"verb": "diagnose", "seed": seed}
     worlds.write_world(out / "world.json", world, made_by, None)
-    lacking = extend.write_model(out / "extended.xml", world)
     text = {
         "schema": result.SCHEMA,
         "verdict": verdict.verdict,
@@ -115,12 +115,13 @@ def diagnose(
         "joints": result.joint_rows(verdict),
         "calibration": result.calibration_rows(verdict),
         "candidates": result.candidates(verdict),
-        "not_expressible": lacking,
+        "not_expressible": mjcf.lacking(world),
         "smallest_effects": sensitivity.smallest(verdict.judge),
         "next_experiment": experiment.propose(verdict, source, period, seed),
         "seconds": round(time.monotonic() - began, 1),
     }
     write_json(out / "diagnosis.json", text)
+    mjcf.write_model(out / "extended.xml", world)
     return text
 
 

@@ -98,9 +98,8 @@ def _world(
     """The nominal world with some causes only."""
     world = worlds.nominal(Task(control_period=period), source)
     for claim in claims:
-        where = extend.places(verdict.judge, claim)
-        values = extend.world_values(verdict.judge, claim)
-        world = worlds.add_cause(world, claim.hypothesis.cause, where, values)
+        for name, where, values in extend.effects(verdict.judge, claim):
+            world = worlds.add_cause(world, name, where, values)
     return world
 
 

@@ -134,10 +134,7 @@ class StandingJudge(Judge):
         if claim.lost:
             runs = [self._received(claim.lost, k) for k in range(len(self.case.runs))]
             return claims.replayed(self.scene, self.scene.world, runs)
-        where = extend.places(self, claim)
-        values = extend.world_values(self, claim)
-        row = (claim.hypothesis.cause, where, values)
-        world = causes.extended(self.scene.world, [row])
+        world = causes.extended(self.scene.world, extend.effects(self, claim))
         return claims.replayed(self.scene, world, self.case.runs)
 
     def _received(self, lost: dict[int, list[np.ndarray]], number: int) -> JointRun:

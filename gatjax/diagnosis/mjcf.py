@@ -1,0 +1,119 @@
+"""An extended World as a model file, as far as plain MJCF can say it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from gatjax.effects.catalogue import CATALOGUE
+from gatjax.robot import model as robot_model
+from gatjax.sim import causes, derived
+from gatjax.sim.world import World
+
+
+def write_model(path: Path, world: World) -> None:
+    """Write what plain MJCF can express of a world.
+
+    Args:
+        path: of the new MJCF file.
+        world: with a model file as its source.
+    """
+    file = robot_model.model_file(world.source).resolve()
+    spec, model = mujoco.MjSpec.from_file(str(file)), world.model
+    spec.compile()
+    fields, _ = causes.of_model(model, world.causes)  # gears left out
+    changed = mujoco.MjModel.__copy__(model)
+    derived.settle(changed, fields)
+    _write_servos(spec, changed)
+    if "body_ipos" in fields:
+        _write_bodies(spec, changed)
+    _write_geoms(spec, model, changed)
+    spec.option.gravity[:] = changed.opt.gravity
+    spec.option.iterations = changed.opt.iterations
+    spec.option.ls_iterations = changed.opt.ls_iterations
+    assets = (*spec.meshes, *spec.hfields, *spec.skins, *spec.textures)
+    if any(each.file for each in assets):
+        compiler = spec.compiler
+        compiler.meshdir = str(file.parent / compiler.meshdir)
+        compiler.texturedir = str(file.parent / compiler.texturedir)
+    path.write_text(spec.to_xml(), encoding="utf-8")
+
+
+def lacking(world: World) -> list[str]:
+    """Causes of a world that plain MJCF cannot express, in words."""
+    return [
+        f"{row['cause']} at {', '.join(row['where'])}: {_told(row['values'])}"
+        for row in world.causes
+        if any(part.slot != "body" for part in CATALOGUE[row["cause"]].parts)
+    ]
+
+
+def _write_servos(spec: mujoco.MjSpec, changed: mujoco.MjModel) -> None:
+    """Write driven joints and their servos; a torque limit where there is one."""
+    joints = {joint.id: joint for joint in spec.joints}
+    for servo in spec.actuators:
+        k, held = servo.id, int(changed.actuator_trnid[servo.id, 0])
+        joint, dof = joints[held], int(changed.jnt_dofadr[held])
+        joint.damping[0] = float(changed.dof_damping[dof])
+        joint.frictionloss = float(changed.dof_frictionloss[dof])
+        joint.armature = float(changed.dof_armature[dof])
+        joint.solref_friction[:] = changed.dof_solref[dof]
+        joint.solimp_friction[:] = changed.dof_solimp[dof]
+        servo.gainprm[:] = changed.actuator_gainprm[k]
+        servo.biasprm[:] = changed.actuator_biasprm[k]
+        if np.isfinite(changed.actuator_forcerange[k]).all():
+            servo.forcerange[:] = changed.actuator_forcerange[k]
+            servo.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
+
+
+def _write_bodies(spec: mujoco.MjSpec, changed: mujoco.MjModel) -> None:
+    """Write the masses of all bodies as they are, whatever their geoms weigh."""
+    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+    spec.compiler.settotalmass = -1.0
+    for body in spec.bodies:
+        k = body.id
+        if k == 0:
+            continue  # the world
+        body.explicitinertial = True
+        body.mass = float(changed.body_mass[k])
+        body.ipos[:] = changed.body_ipos[k]
+        body.iquat[:] = changed.body_iquat[k]
+        body.inertia[:] = changed.body_inertia[k]
+        body.fullinertia[:] = np.nan
+        body.ialt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+
+
+def _write_geoms(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, changed: mujoco.MjModel
+) -> None:
+    """Write what a world changes in floor and soles."""
+    for geom in spec.geoms:
+        k = geom.id
+        geom.friction[:] = changed.geom_friction[k]
+        geom.solref[:] = changed.geom_solref[k]
+        frames = [np.r_[m.geom_pos[k], m.geom_quat[k]] for m in (model, changed)]
+        if not np.allclose(*frames):
+            _move(geom, changed)
+
+
+def _move(geom: mujoco.MjsGeom, changed: mujoco.MjModel) -> None:
+    """Write where a geom is; MuJoCo has a mesh where its principal axes are."""
+    k, mesh = geom.id, changed.geom_dataid[geom.id]
+    place, turn = changed.geom_pos[k].copy(), changed.geom_quat[k].copy()
+    if geom.type == mujoco.mjtGeom.mjGEOM_MESH:
+        back, offset = np.zeros(4), np.zeros(3)
+        mujoco.mju_negQuat(back, changed.mesh_quat[mesh])
+        mujoco.mju_mulQuat(turn, changed.geom_quat[k], back)
+        mujoco.mju_rotVecQuat(offset, changed.mesh_pos[mesh], turn)
+        place -= offset
+    else:
+        geom.size[:] = changed.geom_size[k]
+    geom.pos[:], geom.quat[:] = place, turn
+    geom.alt.type, geom.fromto[:] = mujoco.mjtOrientation.mjORIENTATION_QUAT, np.nan
+
+
+def _told(values: dict[str, float]) -> str:
+    """Values of a cause in words."""
+    return ", ".join(f"{name} {value:.3g}" for name, value in values.items())
