@@ -149,3 +149,13 @@ def test_the_next_experiment_is_about_the_least_sure_cause():
     doubtful = verdict.Cause(gain, 0.7, [(lag, 0.2), (delay, 0.1)], [])
     told = verdict.Verdict("ambiguous", [sure, doubtful], [], None, [], Told({}))
     assert experiment.leading(told) == [gain, delay]  # lag is there anyway
+
+
+@pytest.mark.parametrize(("gain", "expected"), [(95.0, ["delay"]), (40.0, [])])
+def test_an_alias_that_the_logs_tell_apart_is_not_listed(gain, expected):
+    best = claim("command_delay")
+    alias = claim("measurement_delay", gain)
+    judge = Told({})
+    cause = verdict._weighed(judge, best, [best, alias])
+    assert cause.equivalent == [f"measurement_{name}" for name in expected]
+    assert cause.probability == pytest.approx(1.0)

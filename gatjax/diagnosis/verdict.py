@@ -16,7 +16,7 @@ CERTAIN = 0.8  # probability from which a cause is named
 GUESS = 0.2  # probability that the first cause needs: what beats it is no finding
 LIKELY = 0.5  # probability that a further cause needs to be told at all
 CLOSE = 3.0  # nats: two causes that the data cannot tell apart
-MARGIN = 10.0  # nats by which two named causes must beat an unnamed law
+MARGIN = 10.0  # nats: an alias is told apart; two causes beat an unnamed law
 TOLERABLE = 2.2  # times the reading noise: an explanation may leave that much
 LEAST_SHARE = 0.4  # of the misfit power at its joints that a cause has to explain
 SEEN = 0.3  # times the scatter from tolerances: a smaller change is not a cause
@@ -267,7 +267,10 @@ def _weighed(judge: Judge, best: Claim, claims: list[Claim]) -> Cause:
         c.hypothesis.cause for c in near
         if c.hypothesis.cause and best.gain - c.gain < CLOSE
     }  # fmt: skip
-    equivalent = sorted((close | mine) - {best.hypothesis.cause})
+    told = {c.hypothesis.cause for c in near} - {
+        c.hypothesis.cause for c in near if best.gain - c.gain < MARGIN
+    }
+    equivalent = sorted((close | mine - told) - {best.hypothesis.cause})
     return Cause(best, probability, list(zip(rivals, shares, strict=True)), equivalent)
 
 
