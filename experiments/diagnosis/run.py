@@ -26,6 +26,7 @@ from gatjax.runs import read_json, write_json, write_whole
 HERE = Path(__file__).parent
 KINDS = ("single", "pair", "null", "outside")
 ROBOTS = ("arm_servo", "arm_two", "leg_six", "quad_hung")
+STOPPED = (-2, -15, 130)  # exit codes of what Ctrl-C ended
 LEAST = "3"  # visibility d that effects aim at
 
 
@@ -63,7 +64,8 @@ def keep(out: Path, seed: int, commit: str) -> None:
     for kind in KINDS:
         cases = read_cases(out / kind / "set") if (out / kind / "set").exists() else []
         for case in cases:
-            if not (out / kind / "diagnoses" / case.name / WALL).is_file():
+            wall = out / kind / "diagnoses" / case.name / WALL
+            if not wall.is_file() or read_json(wall)["code"] in STOPPED:
                 break
             marks.append(mark(case, answer(GATJAX, case, out / kind / "diagnoses")))
     rows = [
