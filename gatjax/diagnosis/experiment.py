@@ -98,8 +98,7 @@ def _world(
     """The nominal world with some causes only."""
     world = worlds.nominal(Task(control_period=period), source)
     for claim in claims:
-        for name, where, values in extend.effects(verdict.judge, claim):
-            world = worlds.add_cause(world, name, where, values)
+        world = worlds.add_causes(world, extend.effects(verdict.judge, claim))
     return world
 
 

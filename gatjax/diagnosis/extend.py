@@ -141,8 +141,7 @@ def extended(
     """
     world = worlds.nominal(Task(control_period=period), source, TIMESTEP)
     for cause in verdict.causes:
-        for name, where, values in effects(verdict.judge, cause.claim):
-            world = worlds.add_cause(world, name, where, values)
+        world = worlds.add_causes(world, effects(verdict.judge, cause.claim))
     for row in rows:
         world = worlds.add_cause(
             world, row["cause"], row["where"], row["values"], row["role"]

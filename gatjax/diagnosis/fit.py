@@ -62,6 +62,14 @@ def spread(joint: Joint) -> float:
 Point = tuple[Hypothesis | None, np.ndarray]
 
 
+def scatter(joint: Joint, plain: Fit) -> float:
+    """RMS, rad, of what healthy robots differ by: tolerances (linear) and noise.
+
+    `plain` is linearised at the nominal numbers.
+    """
+    return float(np.sqrt(np.square(plain.slopes).sum(1).mean() + joint.noise**2))
+
+
 def residuals(joint: Joint, points: Sequence[Point]) -> np.ndarray:
     """Residuals [n, S] of many hypotheses at many coordinates; failures are large."""
     geared = [h is not None and h.geared for h, _ in points]

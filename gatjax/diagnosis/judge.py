@@ -50,8 +50,7 @@ class Judge(Known):
         for index in claim.fits:
             joint = self._bearing(index, claim)
             plain = fits.start(joint, [(None, np.zeros(COUNT))])
-            slopes = fits.linearised(joint, plain)[0].slopes
-            scatter = np.sqrt(np.square(slopes).sum(1).mean() + joint.noise**2)
+            scatter = fits.scatter(joint, fits.linearised(joint, plain)[0])
             if claim.lost:
                 other = drops.with_commands(
                     joint, self.case.commands(index), claim.lost[index]
@@ -109,9 +108,13 @@ class Judge(Known):
     def _misses(self, index: int, rate: float) -> bool:
         """Whether a joint is drawn less, and even its best explanation goes astray."""
         known = self.known[index].rms()
-        best = min(known, *(fit.rms() for fit in self.found[index]))
-        astray = best > max(ASTRAY * self.joints[index].noise, STRAYING * known)
+        limit = max(ASTRAY * self.joints[index].noise, STRAYING * known)
+        astray = self._left(index) > limit
         return astray and self.case.pulled.get(index, 0.0) < rate
+
+    def _left(self, index: int) -> float:
+        """What the best explanation of a joint leaves, rad."""
+        return min(fit.rms() for fit in [self.known[index], *self.found[index]])
 
     def _pull(self, joints: list[int], rate: float) -> None:
         """Look at joints again, drawn to their measured motion at a rate in 1/s."""
@@ -278,10 +281,7 @@ class Judge(Known):
         Args:
             missing: joints that changed since losses were looked for.
         """
-        left = {
-            k: min(fit.rms() for fit in [self.known[k], *self.found[k]])
-            for k in missing
-        }
+        left = {k: self._left(k) for k in missing}
         noisy = [
             k for k in missing
             if left[k] > NOISY * self.joints[k].noise

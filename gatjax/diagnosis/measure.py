@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gatjax.data.trajectories import JointRun
+from gatjax.data.trajectories import GAP, JointRun
 from gatjax.grounding.gat import learn_forward, next_angle
 from gatjax.grounding.network import Network
 from gatjax.grounding.transitions import HISTORY
@@ -115,7 +115,7 @@ def windows(runs: list[JointRun], period: float) -> Windows | None:
     for number, run in enumerate(runs):
         for first in range(0, len(run.time) - warm - length, stride):
             part = slice(first, first + warm + length)
-            if np.diff(run.time[part]).max() > 1.5 * period:
+            if np.diff(run.time[part]).max() > (1.0 + GAP) * period:
                 continue  # rows are missing
             past = slice(first + warm - BACK, first + warm)
             time = run.time[past] - run.time[first + warm - 1]

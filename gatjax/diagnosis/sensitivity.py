@@ -145,7 +145,7 @@ def _nats(
 def _seen(joint: Joint, points: list[tuple[Hypothesis, np.ndarray]]) -> np.ndarray:
     """Square of the visibility d of causes alone, [S]; as in `Judge.visibility`."""
     plain = fits.linearised(joint, fits.start(joint, [(None, np.zeros(COUNT))]))[0]
-    scatter = np.square(plain.slopes).sum(1).mean() + joint.noise**2
+    scatter = fits.scatter(joint, plain) ** 2
     alone = [(pinned(h, own), np.zeros(COUNT)) for h, own in points]
     change = fits.residuals(joint, alone) - plain.residual[:, None]
     return np.mean(np.square(change), axis=0) / scatter

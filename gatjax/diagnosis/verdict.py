@@ -21,13 +21,13 @@ TOLERABLE = 2.2  # times the reading noise: an explanation may leave that much
 LEAST_SHARE = 0.4  # of the misfit power at its joints that a cause has to explain
 SEEN = 0.3  # times the scatter from tolerances: a smaller change is not a cause
 VISIBLE = 0.5  # the same beside another cause
-AGAIN = 20.0  # nats of a further cause where a joint is explained already
-SECOND_SHARE = 0.8  # the same where a joint is explained already, but for a little
-DRAWN_SHARE = 0.7  # the same of a further cause at a joint that is drawn
+SECOND_SHARE = 0.8  # as LEAST_SHARE, where a joint is explained but for a little
+AGAIN = 20.0  # nats of a further cause there
+DRAWN_SHARE = 0.7  # as LEAST_SHARE, of a further cause at a joint that is drawn
 EXPECTED = 1.3  # misfit power of a right model, in squares of the reading noise
 SPENT = 9.0  # squared deviations: tolerances that imitate a cause instead of a misfit
 STRAINED = 30.0  # the same of a joint: its tolerances imitate something
-ROUGH = 3.5  # the same at a joint with a named cause, whose law is a simplification
+ROUGH = 3.5  # as TOLERABLE, with a named cause, whose law is a simplification
 REST = 0.02  # share of the misfit power that an explanation may leave
 DRAWN_REST = 0.15  # the same of a joint that is drawn to its measured motion
 ALIASES = (
@@ -106,7 +106,8 @@ def decide(judge: Judge) -> Verdict:
         if len(causes) == judge.most:
             break
         count = len(judge.joints)
-        claims = [c for c in judge.claims() if not _again(c, causes, count)]
+        told = [cause.claim for cause in causes]
+        claims = [c for c in judge.claims() if not _again(c, told, count)]
     left = [k for k in range(len(judge.joints)) if not adequate(judge, k)]
     if law is not None:
         left = sorted({*left, *law.where})
@@ -131,7 +132,7 @@ def _exchanged(
         return judge, causes
     alone = fresh.accept(fresh.refitted(second))
     kept = causes[1]._replace(claim=alone)
-    claims = [c for c in fresh.claims() if not _again(c, [kept], len(fresh.joints))]
+    claims = [c for c in fresh.claims() if not _again(c, [alone], len(fresh.joints))]
     best = next((c for c in claims if worth_naming(fresh, c)), None)
     name = frozenset({first.hypothesis.cause})
     if best is not None and (_same(best, first, name) or not _whole(fresh, best)):
@@ -183,12 +184,12 @@ def explained(judge: Judge, claim: Claim) -> float:
     return 1.0 if calm else 1.0 - max(after, 0.0) / max(before, 1e-9)
 
 
-def _again(claim: Claim, causes: list[Cause], joints: int) -> bool:
+def _again(claim: Claim, told: list[Claim], joints: int) -> bool:
     """Whether a claim repeats a cause, or its alias, where it is known already."""
     return any(
-        claim.hypothesis.cause in alias(known.claim.hypothesis, joints)
-        and set(claim.where) & set(known.claim.where)
-        for known in causes
+        claim.hypothesis.cause in alias(known.hypothesis, joints)
+        and set(claim.where) & set(known.where)
+        for known in told
     )
 
 
@@ -231,8 +232,8 @@ def _pair(judge: Judge, claims: list[Claim], law: Claim) -> Claim | None:
     ][:2]  # fmt: skip
     for first in named:
         trial = judge.fork()
-        known = _weighed(judge, first, claims)._replace(claim=trial.accept(first))
-        left = [c for c in trial.claims() if not _again(c, [known], len(trial.joints))]
+        known, count = trial.accept(first), len(trial.joints)
+        left = [c for c in trial.claims() if not _again(c, [known], count)]
         second = next((c for c in left if worth_naming(trial, c)), None)
         if second is None or not _whole(trial, second):
             continue

@@ -184,6 +184,15 @@ def add_cause(
     return _refreshed(world, {part.slot for part in parts})
 
 
+def add_causes(
+    world: World, rows: Sequence[tuple[str, list[str], Mapping[str, Any]]]
+) -> World:
+    """Add causes one after the other; each row is name, where and values."""
+    for name, where, values in rows:
+        world = add_cause(world, name, where, values)
+    return world
+
+
 def _placed(params: Any, old: Any, here: np.ndarray) -> Any:
     """Params of a cause: the new ones `here` [J], the old ones elsewhere."""
     return jax.tree.map(lambda new, was: np.where(here, new, was), params, old)

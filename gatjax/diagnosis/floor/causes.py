@@ -11,7 +11,6 @@ go silent. `ground_friction` shows where feet slip (heading, hips against ankles
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import mujoco
@@ -21,8 +20,6 @@ from gatjax.sim.world import Values, World, add_cause
 
 FIELDS = ("geom_friction", "geom_solref", "geom_pos", "geom_quat", "opt.gravity")
 """What the causes change in a model."""
-Known = Sequence[tuple[str, list[str], dict[str, float]]]
-"""Causes known before: name, where, parameters."""
 
 
 class Suspect(NamedTuple):
@@ -78,13 +75,6 @@ def suspects(model: mujoco.MjModel) -> list[Suspect]:
                 Suspect("sole_geometry", foot, ("wear",), worn, side, 0.0, 0.03)
             )
     return found
-
-
-def extended(world: World, known: Known) -> World:
-    """A world with causes that are known already."""
-    for cause, where, values in known:
-        world = add_cause(world, cause, where, values)
-    return world
 
 
 def batch(world: World, others: list[World]) -> list[Values]:

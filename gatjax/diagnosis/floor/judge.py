@@ -19,7 +19,7 @@ from gatjax.diagnosis.case import Case, along, mapped
 from gatjax.diagnosis.claims import LATER, PLACE, PRICE, Claim, Stance
 from gatjax.diagnosis.drops import ODDS, held
 from gatjax.diagnosis.fit import Fit
-from gatjax.diagnosis.floor import causes, claims
+from gatjax.diagnosis.floor import claims
 from gatjax.diagnosis.floor.claims import FloorClaim
 from gatjax.diagnosis.floor.observed import Weighed, gained, weighed_rest
 from gatjax.diagnosis.floor.standing import Standing
@@ -28,7 +28,7 @@ from gatjax.diagnosis.joint import Joint
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.loads import Tree
 from gatjax.effects.catalogue import CATALOGUE
-from gatjax.sim.world import fields_applied
+from gatjax.sim.world import add_causes, fields_applied
 
 PROPOSED = 1.0  # nats of a joint's own fit: a claim below is not replayed
 MOST = 14  # claims that are replayed
@@ -134,7 +134,7 @@ class StandingJudge(Judge):
         if claim.lost:
             runs = [self._received(claim.lost, k) for k in range(len(self.case.runs))]
             return claims.replayed(self.scene, self.scene.world, runs)
-        world = causes.extended(self.scene.world, extend.effects(self, claim))
+        world = add_causes(self.scene.world, extend.effects(self, claim))
         return claims.replayed(self.scene, world, self.case.runs)
 
     def _received(self, lost: dict[int, list[np.ndarray]], number: int) -> JointRun:
@@ -165,7 +165,7 @@ class StandingJudge(Judge):
             return super().accept(claim)
         self.accepted.append(claim)
         row = (claim.hypothesis.cause, [claim.stance.where], claim.stance.values)
-        model = fields_applied(causes.extended(self.scene.world, [row]))
+        model = fields_applied(add_causes(self.scene.world, [row]))
         tree = Tree(model, model.actuator_trnid[:, 0])
         base = self.standing._replace(tree=tree)
         self.case = along(dataclasses.replace(self.case, base=base), [], [])
