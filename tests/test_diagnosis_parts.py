@@ -1,5 +1,6 @@
 """Pieces of the diagnosis that have an answer on paper."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from test_diagnosis_plant import joint, wave
@@ -9,6 +10,7 @@ from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.claims import PRICE, Claim, occam, shared_value, uncertainty
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, combined, information, numbers, pinned
+from gatjax.diagnosis.joint import STEP
 from gatjax.diagnosis.known import Known
 from gatjax.diagnosis.loads import tilted
 from gatjax.effects.catalogue import CATALOGUE
@@ -133,6 +135,47 @@ def test_losses_of_a_motion_that_lost_nothing_are_not_worth_their_price():
     found = drops.find(quiet, known, [command])
     gain = fits.evidence(quiet, found.fit) - fits.evidence(quiet, known)
     assert gain < found.price
+
+
+def unpowered(joint, command, windows):
+    """A joint whose motor has no power at some ticks [N] bool."""
+    off = motion.cells(
+        joint.time[0], np.where(windows, 1.0, 0.0)[:, None],
+        (np.arange(len(joint.grid.target)) - joint.lead) * STEP,
+    )  # fmt: skip
+    plain = drops.with_commands(joint, [command], [np.zeros(len(command), bool)])
+    return plain._replace(
+        grid=plain.grid._replace(supply=jnp.asarray(off, jnp.float32))
+    )
+
+
+@pytest.mark.parametrize("powerless", [True, False])
+def test_a_loss_of_power_is_no_loss_of_commands(powerless):
+    rng, bare = np.random.default_rng(3), joint(wave, rest=0.3)
+    command = np.array([wave(t) for t in bare.time[0]])
+    gone = np.zeros(len(command), bool)
+    for first in (40, 97, 180):
+        gone[first : first + 12] = True
+    if powerless:
+        played, drive = unpowered(bare, command, gone), {"sag": 1.0}
+    else:
+        played, drive = drops.with_commands(bare, [command], [gone]), {}
+    angle = played.simulate([drive], False)[..., 0] + rng.normal(0.0, 7e-4, (1, 250))
+    noisy = bare._replace(measured=angle)
+    known = fits.start(noisy, [(None, np.zeros(COUNT))])[0]
+    losses = drops.find(noisy, known, [command])
+    outage = drops.outage(noisy, known, [command], losses)
+    assert (outage.fit.rms() < losses.fit.rms()) == powerless
+    if powerless:
+        told = outage.fit.hypothesis.values(noisy, np.zeros(0))
+        assert told == {"times": 3.0, "duration": pytest.approx(0.12, abs=0.02)}
+
+
+def test_short_losses_are_no_loss_of_power():
+    bare = joint(wave)
+    gone = np.arange(250) % 10 < drops.LONG - 1
+    losses = drops.Losses([gone], bare, fit_of(0.0, 1.0), 0.0)
+    assert drops.outage(bare, fit_of(0.0, 1.0), [np.zeros(250)], losses) is None
 
 
 def fit_of(value, information_of_it):

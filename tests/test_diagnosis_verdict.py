@@ -52,7 +52,8 @@ def named(monkeypatch):
     monkeypatch.setattr(verdict, "_whole", lambda judge, claim: True)
     causes = [verdict.Cause(claim(n), 0.9, [], []) for n in ("gain", "elastic")]
 
-    def run(judge, fresh):
+    def run(judge, fresh, *second):
+        causes[1:] = second or causes[1:]
         chosen, found = verdict._exchanged(judge, causes, fresh)
         assert chosen is (judge if found == causes else fresh)
         return [cause.claim.hypothesis.cause for cause in found]
@@ -78,6 +79,22 @@ def test_the_first_cause_stays_if_it_is_found_again(named):
 def test_the_first_cause_goes_if_the_second_explains_as_much(named):
     assert named(Told({"": 0.0}), Told({"elastic": -5.0})) == ["elastic"]
     assert named(Told({"": 0.0}), Told({"elastic": -50.0})) == ["gain", "elastic"]
+
+
+def test_lost_commands_are_looked_at_alone_though_they_have_no_size(named):
+    lost = claim("elastic")._replace(own=np.zeros(0), lost={0: [np.ones(3, bool)]})
+    second = verdict.Cause(lost, 0.9, [], [])
+    alone = Told({"elastic": -55.0})
+    assert named(Told({"": -50.0}), alone, second) == ["elastic"]
+
+
+@pytest.mark.parametrize("first, second, again", [
+    ("payload", "com_shift", True),  # it is a payload beside the centre of mass
+    ("com_shift", "payload", False),
+    ("viscous_friction", "damping_error", True),  # an alias
+])  # fmt: skip
+def test_a_cause_that_a_known_one_covers_is_not_told_beside_it(first, second, again):
+    assert verdict._again(claim(second), [claim(first)], 2) == again
 
 
 def test_what_is_drawn_only_looks_better(named):

@@ -7,10 +7,12 @@ become the World's by `extend.world_values`. Both start at rest.
 What is left is a share of what the cause does. Stepping is worth 1.5 mrad (1 ms in the
 diagnosis, 0.5 ms in MuJoCo); most causes have the same error, so it cancels against the
 nominal joint's, and a gear has less: the smaller of both counts. A wrong sign leaves
-2, a cause that does nothing 1. The diagnosis is linear in what bodies and tilt change.
+2, a cause that does nothing 1. The diagnosis is linear in what bodies and tilt change,
+but for the inertia at the joint itself.
 """
 
 import jax
+import mujoco
 import numpy as np
 import pytest
 
@@ -25,7 +27,7 @@ from gatjax.diagnosis.hypotheses import COUNT, tolerated
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.tolerances import USUAL
 from gatjax.effects.catalogue import CATALOGUE
-from gatjax.robot.model import joint_names
+from gatjax.robot.model import joint_names, load
 from gatjax.sim.replay import replay_many
 from gatjax.sim.world import add_cause, nominal, stacked
 from gatjax.task import Task
@@ -37,7 +39,7 @@ COMMAND = 0.4 * FAST + 0.5 * (TIME > 1.0) - 0.7 * (TIME > 2.5)
 NAMES = {f"{each.cause} {each.variant}".strip(): each for each in CAUSES}
 OWN = {  # coordinates, where the bank's middle start does too little or too much
     "torque_ripple": (0.1, 0.05, np.log(12.0)),
-    "com_shift": (0.0, 0.02, -0.015),
+    "com_shift": (0.0, 0.08, 0.09),  # so far that its square counts
     "gravity_tilt": (0.25, 0.0),
     "clock_drift": (0.01,),  # a negative one reads beyond the end
     "thermal_derating": (-1.0, 3.0),
@@ -155,3 +157,31 @@ def test_a_cause_moves_the_joint_the_same(name, world, plain):
     assert effect > 4e-3
     left = min(rms(told - theirs), rms((told - ours) - (theirs - angle)))
     assert left < MORE.get(name, SHARE) * effect, left / effect
+
+
+@pytest.mark.parametrize("moved", [0, 1])
+def test_a_far_shift_of_a_link_is_its_moments_and_a_spin(moved):
+    """Both joints of a planar arm feel it, whichever link it is: parallel axes."""
+    model = load(f"{gatjax.surrogate.hidden.__path__[0]}/arm_two.xml")
+    tree = loads.Tree(model, model.actuator_trnid[:, 0])
+    time = np.linspace(0.0, 2.0, 200)
+    rates = np.array([3.0, 4.4])
+    phase = time[:, None] * rates
+    swing = motion.Motion(
+        time, 0.4 * np.sin(phase), 0.4 * rates * np.cos(phase),
+        -0.4 * rates**2 * np.sin(phase),
+    )  # fmt: skip
+    rows, body, shift = np.arange(200), tree.body[moved], np.array([0.1, 0.0, -0.07])
+    far = mujoco.MjModel.__copy__(model)
+    far.body_ipos[body] += shift
+    plain, there = (tree.loads(each, swing, rows) for each in (model, far))
+    mass = model.body_mass[body]
+    told = [0.0, *shift, mass * float(shift @ shift)]
+    rest, inertia = plain.rest.copy(), plain.inertia.copy()
+    for (other, size), amount in zip(loads.changed(tree, moved), told, strict=True):
+        change = tree.loads(other, swing, rows)
+        rest += amount * (change.rest - plain.rest) / size
+        inertia += amount * (change.inertia - plain.inertia) / size
+    assert np.abs(there.inertia - plain.inertia).max() > 0.005
+    assert inertia == pytest.approx(there.inertia, abs=1e-4)
+    assert rest == pytest.approx(there.rest, abs=1e-3)

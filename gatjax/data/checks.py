@@ -12,7 +12,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from gatjax.data import excitation, sampling, tracking
+from gatjax.data import excitation, sampling, stops, tracking
 from gatjax.data.finding import Finding, Level, Ranges
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import to_arrays
@@ -53,6 +53,7 @@ def findings(recording: Recording, ranges: Ranges, role: Role) -> list[Finding]:
         *excitation.check_columns(recording, moves),
         *excitation.check_limits(recording, ranges),
         *excitation.check_saturation(recording, runs, joints, ranges),
+        *stops.check_stops(recording, runs, joints, ranges),
         *excitation.check_excitation(recording, runs, moves, poor),
         *excitation.check_coverage(recording, moves, ranges),
         *excitation.check_rest(recording, runs),

@@ -32,16 +32,14 @@ _FREQUENCIES = tuple(2.0 * np.pi * np.geomspace(0.1, 8.0, 26))
 
 
 def _payload() -> Hypothesis:
-    """A point mass beside the link's centre of mass: loads by first moments.
-
-    Its own moment of inertia about that centre is left out.
-    """
+    """A point mass beside the link's centre of mass."""
 
     def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
         mass, weight = float(np.exp(x[0])), max(joint.link.mass, 1e-3)
         shift = mass * x[1:] / weight
         drive[f"term{TERMS}"] = mass
         drive.update({f"term{TERMS + 1 + k}": float(s) for k, s in enumerate(shift)})
+        _swing(drive, joint, mass, x[1:])
 
     def values(joint: Joint, x: np.ndarray) -> Numbers:
         place = dict(zip("xyz", map(float, joint.link.centre + x[1:]), strict=True))
@@ -58,6 +56,22 @@ def _payload() -> Hypothesis:
         (np.log(0.01), -0.3, -0.3, -0.3), (np.log(10.0), 0.3, 0.3, 0.3), values,
         prior=(0.0, *((1.0 / ARM) ** 2,) * 3),
     )  # fmt: skip
+
+
+def _swing(drive: Numbers, joint: Joint, mass: float, shift: np.ndarray) -> None:
+    """Set what grows with the square of a shift; the other terms are linear in it."""
+    drive[f"term{TERMS + BODY_TERMS.index('spin')}"] = mass * joint.link.swung(shift)
+
+
+def _shift() -> Hypothesis:
+    """A centre of mass elsewhere: first moments, and the square of the shift."""
+    plain = vector("com_shift", TERMS + 1, ("x", "y", "z"), "distance", 0.02, 0.17)
+
+    def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
+        plain.put(drive, joint, x)
+        _swing(drive, joint, joint.link.mass, x)
+
+    return plain._replace(put=put)
 
 
 def _tilt() -> Hypothesis:
@@ -194,7 +208,7 @@ CAUSES: tuple[Hypothesis, ...] = (
         "payload", "mass", f"term{TERMS}", 0.01, 10.0, (0.05, 0.2, 0.6, 1.5, 4.0)
     )._replace(variant="at the centre of mass"),
     _payload(),
-    vector("com_shift", TERMS + 1, ("x", "y", "z"), "distance", 0.02, 0.17),
+    _shift(),
     positive(
         "armature", "inertia", "armature", 0.1, 40.0, (0.5, 1.5, 5.0), armature_of, True
     ),

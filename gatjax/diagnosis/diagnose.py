@@ -28,6 +28,7 @@ from gatjax.diagnosis.floor.judge import StandingJudge
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.measure import Errors
 from gatjax.diagnosis.tolerances import USUAL, Tolerances
+from gatjax.diagnosis.unseen import borne_out
 from gatjax.diagnosis.verdict import Verdict, conclude
 from gatjax.grounding.network import Network
 from gatjax.robot import model as robot_model
@@ -92,9 +93,13 @@ def diagnose(
     nominal = worlds.nominal(Task(control_period=period), source, extend.TIMESTEP)
     world, predicted = _extended(verdict, source, period, logs, unseen)
     out.mkdir(parents=True, exist_ok=True)
-    rows = [result.cause_row(verdict, cause, seed) for cause in verdict.causes]
     tell("measure", 0.0)
     pairs = {"nominal": _predicted(nominal, logs, unseen), "extended": predicted}
+    if unseen and not floats(model):
+        series = {name: each[1] for name, each in pairs.items()}
+        errors = measure.log_errors(unseen, series)
+        verdict = borne_out(verdict, errors["nominal"], errors["extended"])
+    rows = [result.cause_row(verdict, cause, seed) for cause in verdict.causes]
     gain = _gain(nominal, world, logs, unseen, pairs, case, seed) if unfit else None
     fallback.withdraw(out)
     lacks = verdict.verdict == "unknown" and not floats(model)

@@ -32,6 +32,7 @@ NEAR = 6.0  # times the noise that a first search leaves: other starts may do be
 PROMISING = 0.5  # the same, of what another explanation leaves
 SCOUTS, SPREAD = 6, 1.5  # starts beside the nominal one; tolerances of theirs
 SCOUTING, FOLLOWED = 3, 2  # rounds of a scout; the best that are followed
+LONG = 4  # ticks of a burst that may be a loss of power instead
 
 
 class Losses(NamedTuple):
@@ -110,6 +111,49 @@ def find(
     return min(tried, key=lambda losses: losses.fit.rms())
 
 
+def outage(
+    joint: Joint, base: Fit, commands: list[np.ndarray], losses: Losses
+) -> Losses | None:
+    """The rival of long bursts: the motor was without power for as long.
+
+    Args:
+        joint: with the full commands.
+        base: what is known about it.
+        commands: of each run [N], rad.
+        losses: as decoded; shorter ones are taken for errors of the decoder.
+
+    Returns:
+        A fit with its windows; None if no burst is long.
+    """
+    windows = [_long(mask) for mask in losses.lost]
+    if not any(window.any() for window in windows):
+        return None
+    off = _on_grid(joint, [np.where(window, 1.0, 0.0) for window in windows])
+    now = joint._replace(grid=joint.grid._replace(supply=off))
+    period = _period(joint, commands)
+    ticks = sum(int(window.sum()) for window in windows)
+    times = sum(int((np.diff(window, prepend=0) > 0).sum()) for window in windows)
+    told = {"duration": ticks * period / times, "times": float(times)}
+    law = combined(base.hypothesis, UNPOWERED._replace(values=lambda joint, x: told))
+    starts = fits.start(now, [(law, base.x), (law, losses.fit.x)])
+    fit = min(fits.improve(now, starts, ROUNDS), key=lambda fit: fit.cost)
+    return Losses(windows, now, fit, times * ODDS)
+
+
+def _long(lost: np.ndarray) -> np.ndarray:
+    """The bursts [N] 0 or 1 of a mask [N] that are long."""
+    edges = np.flatnonzero(np.diff(lost.astype(int), prepend=0, append=0))
+    out = np.zeros(len(lost), int)
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        out[first:last] = last - first >= LONG
+    return out
+
+
+def _period(joint: Joint, commands: list[np.ndarray]) -> float:
+    """Between two commands, s."""
+    return float(np.median(np.diff(joint.time[0, : len(commands[0])])))
+
+
 def _turns(
     joint: Joint,
     base: Fit,
@@ -137,8 +181,7 @@ def _turns(
         fit = fits.improve(now, fits.start(now, [(owner, x)]), ADVANCE)[0]
         worse += best is not None and fit.rms() > BETTER * best.fit.rms()
         if best is None or fit.rms() < best.fit.rms():
-            period = float(np.median(np.diff(joint.time[0, : len(commands[0])])))
-            price = length(lost) * period / fits.CORRELATED
+            price = length(lost) * _period(joint, commands) / fits.CORRELATED
             best = Losses(lost, now, fit, price)
         if worse == PATIENCE or fit.rms() < DONE * joint.noise:
             break
@@ -152,14 +195,19 @@ def with_commands(
     joint: Joint, commands: list[np.ndarray], lost: list[np.ndarray]
 ) -> Joint:
     """The joint as it moves when some of its commands are lost."""
+    given = [held(c, mask) for c, mask in zip(commands, lost, strict=True)]
+    return joint._replace(grid=joint.grid._replace(target=_on_grid(joint, given)))
+
+
+def _on_grid(joint: Joint, values: list[np.ndarray]) -> jnp.ndarray:
+    """What is in force from each stamp on, per run [N]: on the grid [K, R]."""
     steps = joint.grid.target.shape[0]
     grid = (np.arange(steps) - joint.lead) * STEP
     series = [
-        cells(joint.time[run, : len(c)], held(c, mask)[:, None], grid)[:, 0]
-        for run, (c, mask) in enumerate(zip(commands, lost, strict=True))
+        cells(joint.time[run, : len(v)], v[:, None], grid)[:, 0]
+        for run, v in enumerate(values)
     ]
-    target = jnp.asarray(np.stack(series, 1), jnp.float32)
-    return joint._replace(grid=joint.grid._replace(target=target))
+    return jnp.asarray(np.stack(series, 1), jnp.float32)
 
 
 LOST = Hypothesis(
@@ -167,3 +215,8 @@ LOST = Hypothesis(
     lambda joint, x: {},
 )  # fmt: skip
 """The losses are in the joint's commands: no coordinates of their own."""
+UNPOWERED = LOST._replace(
+    cause="", variant="loss of power",
+    put=lambda drive, joint, x: drive.update(sag=1.0),
+)  # fmt: skip
+"""The supply fails in windows that the grid tells: no entry of the catalogue."""

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
+from gatjax.data import stops
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import laws, plant
 from gatjax.diagnosis import loads as weights
@@ -29,6 +30,11 @@ class Link(NamedTuple):
 
     mass: float  # kg
     centre: np.ndarray  # [3] m, of mass, in the body's frame
+    axis: np.ndarray  # [3] of its joint, in the body's frame
+
+    def swung(self, shift: np.ndarray) -> float:
+        """Square of a shift's [3] part across the axis, m^2 (parallel axes)."""
+        return float(shift @ shift - (shift @ self.axis) ** 2)
 
 
 class Joint(NamedTuple):
@@ -42,9 +48,10 @@ class Joint(NamedTuple):
     time: np.ndarray  # [R, N] s
     measured: np.ndarray  # [R, N] rad
     valid: np.ndarray  # [R, N]
+    counts: np.ndarray  # [R, N] 0 near a stop of the joint, whose readings count not
     noise: float  # rad, standard deviation of a reading
     allowed: Tolerances = USUAL
-    link: Link = Link(1.0, np.zeros(3))
+    link: Link = Link(1.0, np.zeros(3), np.eye(3)[0])
 
     def drawn(self, rate: float) -> Joint:
         """The same, drawn to its measured motion at a rate in 1/s; 0: not at all."""
@@ -52,9 +59,9 @@ class Joint(NamedTuple):
         return self._replace(nominal=free | ({"pull": rate} if rate else {}))
 
     def residual(self, drives: list[dict[str, float]], geared: bool) -> np.ndarray:
-        """Measured minus simulated at all valid rows [n, S], rad."""
-        seen = self.simulate(drives, geared)
-        return (self.measured[..., None] - seen)[self.valid]
+        """Measured minus simulated at all valid rows [n, S], rad; 0 near a stop."""
+        left = self.measured[..., None] - self.simulate(drives, geared)
+        return (left * self.counts[..., None])[self.valid]
 
     def simulate(self, drives: list[dict[str, float]], geared: bool) -> np.ndarray:
         """Readings [R, N, S] rad of joints whose drives differ."""
@@ -214,13 +221,22 @@ def build(
             running=jnp.asarray(clock <= ends, jnp.float32),
         )  # fmt: skip
         seen = np.stack([_padded(run.angle[:, index], rows) for run in runs])
+        counts = np.stack([_padded(_free(model, run, index), rows) for run in runs])
         level = float(noise[index])
         body = tree.body[index]
-        link = Link(float(model.body_mass[body]), model.body_ipos[body].copy())
-        joints.append(
-            Joint(name, index, drive, grid, lead, at, seen, valid, level, allowed, link)
-        )
+        mass, centre = float(model.body_mass[body]), model.body_ipos[body].copy()
+        link = Link(mass, centre, tree.axis[index])
+        readings = at, seen, valid, counts, level
+        joints.append(Joint(name, index, drive, grid, lead, *readings, allowed, link))
     return joints
+
+
+def _free(model: mujoco.MjModel, run: JointRun, index: int) -> np.ndarray:
+    """1 at readings [N] of a joint, 0 where its stop holds or has held it."""
+    joint = model.actuator_trnid[index, 0]
+    if not model.jnt_limited[joint]:
+        return np.ones(len(run.time))
+    return 1.0 - stops.hindered(run, index, *model.jnt_range[joint])
 
 
 def _padded(values: np.ndarray, rows: int) -> np.ndarray:

@@ -292,7 +292,7 @@ class Judge(Known):
         found = mapped(lambda k: self._decoded(k, left[k]), noisy)
         self.losses |= dict(zip(noisy, found, strict=True))
         out = [claim for claim in self.losses.values() if claim is not None]
-        good = [claim for claim in out if claim.gain > WORTH]
+        good = [claim for claim in out if claim.lost and claim.gain > WORTH]
         if len(good) > 0.6 * len(self.joints) and len(self.joints) > 1:
             joined: dict[int, Fit] = {}
             lost: dict[int, list[np.ndarray]] = {}
@@ -306,7 +306,7 @@ class Judge(Known):
         return out
 
     def _decoded(self, index: int, rival: float) -> Claim | None:
-        """A claim that a joint lost commands, not drawn to what was measured.
+        """A claim that a joint lost commands, or its power; not drawn.
 
         `rival` is what the best other explanation leaves, rad.
         """
@@ -315,10 +315,20 @@ class Judge(Known):
             joint = joint.drawn(0.0)
             first = fits.start(joint, [(known.hypothesis, known.x)])
             known = fits.improve(joint, first, 6)[0]
-        loss = drops.find(joint, known, self.case.commands(index), rival)
-        if loss.fit.rms() > drops.DECODED * joint.noise:
-            return None
-        gain = fits.evidence(loss.joint, loss.fit) - fits.evidence(joint, known)
-        gain -= loss.price + PLACE
-        claim = Claim(drops.LOST, np.zeros(0), (index,), {index: loss.fit}, gain)
-        return claim._replace(lost={index: loss.lost})
+        commands = self.case.commands(index)
+        loss = drops.find(joint, known, commands, rival)
+        outage = drops.outage(joint, known, commands, loss)
+
+        def claim(found: drops.Losses) -> Claim:
+            gain = fits.evidence(found.joint, found.fit) - fits.evidence(joint, known)
+            gain -= found.price + PLACE
+            owner = found.fit.hypothesis
+            assert owner is not None
+            return Claim(owner.newest, np.zeros(0), (index,), {index: found.fit}, gain)
+
+        decoded = loss.fit.rms() < drops.DECODED * joint.noise
+        named = claim(loss)._replace(lost={index: loss.lost}) if decoded else None
+        unnamed = claim(outage) if outage is not None else None
+        if unnamed is not None and unnamed.gain > (named.gain if named else WORTH):
+            return unnamed
+        return named

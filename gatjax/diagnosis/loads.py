@@ -23,7 +23,8 @@ from gatjax.sim.episode import ties
 DRAWS = 40  # perturbed bodies
 TERMS = 4  # load shapes that body tolerances may add
 COARSE = 8  # points of a motion between two at which changed bodies are weighed
-BODY_TERMS = ("mass", "com_x", "com_y", "com_z")
+BODY_TERMS = ("mass", "com_x", "com_y", "com_z", "spin")
+SHIFT, SPIN = 1e-4, 1e-3  # m, kg m^2: sizes of changed bodies
 GRAVITY_TERMS = ("x", "y", "z")
 
 
@@ -43,6 +44,7 @@ class Tree:
         self.model = model
         self.qpos = model.jnt_qposadr[joints]
         self.body = model.jnt_bodyid[joints]
+        self.axis = model.jnt_axis[joints]  # [J, 3], in the body's frame
         dofs = model.jnt_dofadr[joints]
         self.moves = np.zeros((model.nv, len(joints)))
         self.moves[dofs, np.arange(len(joints))] = 1.0
@@ -159,8 +161,8 @@ def weigh(tree: Tree, motion: Motion, others: list[mujoco.MjModel]) -> Loads:
     rest, inertia = nominal.rest[few], nominal.inertia[few]
     drawn = [tree.loads(other, motion, few) for other in others]
     bodies = np.empty((2, *rest.shape, rest.shape[1], len(BODY_TERMS)))
-    for joint, body in enumerate(tree.body):
-        for term, (other, size) in enumerate(changed(tree.model, int(body))):
+    for joint in range(len(tree.body)):
+        for term, (other, size) in enumerate(changed(tree, joint)):
             load = tree.loads(other, motion, few)
             bodies[0, :, :, joint, term] = (load.rest - rest) / size
             bodies[1, :, :, joint, term] = (load.inertia - inertia) / size
@@ -176,17 +178,36 @@ def weigh(tree: Tree, motion: Motion, others: list[mujoco.MjModel]) -> Loads:
     return Loads(nominal, draws, bodies, np.stack(gravity, -1))
 
 
-def changed(model: mujoco.MjModel, body: int) -> list[tuple[mujoco.MjModel, float]]:
-    """Models with one body term each, and its size: see BODY_TERMS."""
+def changed(tree: Tree, joint: int) -> list[tuple[mujoco.MjModel, float]]:
+    """Models with one term of a joint's body each, and its size: see BODY_TERMS.
+
+    Spin is a moment of inertia about the joint's axis and nothing else.
+    """
+    model, body = tree.model, int(tree.body[joint])
     size = 0.1 * float(model.body_subtreemass[body])
     heavy = mujoco.MjModel.__copy__(model)
     heavy.body_mass[body] += size
     variants = [(heavy, size)]
     for axis in range(3):
         moved = mujoco.MjModel.__copy__(model)
-        moved.body_ipos[body, axis] += 0.01
-        variants.append((moved, 0.01))
+        moved.body_ipos[body, axis] += SHIFT
+        variants.append((moved, SHIFT))
+    variants.append((_spun(model, body, tree.axis[joint]), SPIN))
+    for other, _ in variants:
+        other.body_sameframe[body] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
     return variants
+
+
+def _spun(model: mujoco.MjModel, body: int, axis: np.ndarray) -> mujoco.MjModel:
+    """A model whose body has SPIN more moment of inertia about an axis [3] of its."""
+    other = mujoco.MjModel.__copy__(model)
+    turn, principal, quaternion = np.zeros(9), np.zeros(3), np.zeros(4)
+    mujoco.mju_quat2Mat(turn, model.body_iquat[body])
+    old = turn.reshape(3, 3)
+    full = old * model.body_inertia[body] @ old.T + SPIN * np.outer(axis, axis)
+    mujoco.mju_eig3(principal, np.zeros(9), quaternion, full.ravel())
+    other.body_inertia[body], other.body_iquat[body] = principal, quaternion
+    return other
 
 
 def shapes(loads: list[Loads]) -> list[tuple[np.ndarray, np.ndarray]]:

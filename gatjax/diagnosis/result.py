@@ -66,6 +66,7 @@ def cause_row(verdict: Verdict, cause: Cause, seed: int) -> dict[str, Any]:
         "where": extend.places(verdict.judge, cause.claim),
         "parameters": interval(verdict, cause.claim, seed),
         "probability": round(cause.probability, 4),
+        "borne_out": cause.borne_out,
         "equivalent": cause.equivalent,
         "log_evidence": round(cause.claim.gain, 1),
     }
@@ -174,7 +175,10 @@ def sentence(verdict: Verdict, rows: list[dict[str, Any]]) -> str:
     if verdict.verdict == "named":
         return f"The simulation lacks {named}."
     if verdict.verdict == "ambiguous":
-        return f"The simulation most likely lacks {named}, but the logs leave a doubt."
+        doubt = "the logs leave a doubt"
+        if not all(row["borne_out"] for row in rows):
+            doubt = "that predicts the held-out motion badly"
+        return f"The simulation most likely lacks {named}, but {doubt}."
     start = f"The simulation lacks {named}; besides, " if rows else ""
     text = f"something at {left} is wrong that no cause of the catalogue explains"
     if verdict.law is not None:

@@ -36,6 +36,7 @@ ALIASES = (
 )
 """Causes that logs of powered joints cannot tell apart (docs/diagnosis.md)."""
 ONE_JOINT = frozenset({"com_shift", "gravity_tilt"})
+COVERED = {"payload": frozenset({"com_shift"})}  # it shifts the centre, too
 
 
 class Cause(NamedTuple):
@@ -45,6 +46,7 @@ class Cause(NamedTuple):
     probability: float
     rivals: list[tuple[Claim, float]]  # best first, with their probabilities
     equivalent: list[str]
+    borne_out: bool = True  # by logs of another motion, where there are some
 
 
 class Verdict(NamedTuple):
@@ -112,7 +114,7 @@ def decide(judge: Judge) -> Verdict:
     if law is not None:
         left = sorted({*left, *law.where})
     causes = [_doubted(cause, left) for cause in causes]
-    return Verdict(_word(causes, left), causes, left, law, claims, judge)
+    return Verdict(word(causes, left), causes, left, law, claims, judge)
 
 
 def _exchanged(
@@ -128,9 +130,10 @@ def _exchanged(
         fresh: a judge that has accepted none.
     """
     first, second = causes[0].claim, causes[1].claim
-    if set(first.fits) != set(second.fits) or not len(second.own):
+    told = len(second.own) or second.lost
+    if set(first.fits) != set(second.fits) or not told:
         return judge, causes
-    alone = fresh.accept(fresh.refitted(second))
+    alone = fresh.accept(second if second.lost else fresh.refitted(second))
     kept = causes[1]._replace(claim=alone)
     claims = [c for c in fresh.claims() if not _again(c, [alone], len(fresh.joints))]
     best = next((c for c in claims if worth_naming(fresh, c)), None)
@@ -186,9 +189,13 @@ def explained(judge: Judge, claim: Claim) -> float:
 
 def _again(claim: Claim, told: list[Claim], joints: int) -> bool:
     """Whether a claim repeats a cause, or its alias, where it is known already."""
+
+    def covered(known: Claim) -> frozenset[str]:
+        more = COVERED.get(known.hypothesis.cause, frozenset())
+        return alias(known.hypothesis, joints) | more
+
     return any(
-        claim.hypothesis.cause in alias(known.hypothesis, joints)
-        and set(claim.where) & set(known.where)
+        claim.hypothesis.cause in covered(known) and set(claim.where) & set(known.where)
         for known in told
     )
 
@@ -200,7 +207,8 @@ def _doubted(cause: Cause, left: list[int]) -> Cause:
     return cause
 
 
-def _word(causes: list[Cause], left: list[int]) -> str:
+def word(causes: list[Cause], left: list[int]) -> str:
+    """none, named, ambiguous or unknown, for causes and joints left unexplained."""
     if left:
         return "unknown"
     if not causes:

@@ -134,7 +134,7 @@ def bodies(tree: Tree, moments: list[Moment]) -> tuple[np.ndarray, np.ndarray]:
     """
     model, joints = tree.model, tree.moves.shape[1]
     variants = [
-        [_Variant(*pair) for pair in changed(model, int(body))] for body in tree.body
+        [_Variant(*pair) for pair in changed(tree, k)] for k in range(len(tree.body))
     ]
     turned = []
     for change in np.eye(len(GRAVITY_TERMS)):

@@ -24,6 +24,9 @@ def head(diagnosis: Diagnosis) -> str:
     """The verdict in one sentence, and the key numbers."""
     robot = str(diagnosis.raw.get("robot") or "unknown robot")
     kind, words = BADGES.get(diagnosis.verdict, ("", "no verdict"))
+    borne_out = all(row.get("borne_out", True) for row in diagnosis.rows("causes"))
+    if diagnosis.verdict == "ambiguous" and not borne_out:
+        words = "does not predict the held-out logs as the right cause would"
     first, _, rest = sentence(diagnosis).partition("; ")
     also = f'<p class="also">{escape(rest[:1].upper() + rest[1:])}</p>' if rest else ""
     boxes = "".join(cards(diagnosis))
