@@ -25,7 +25,7 @@ def told(cause, where=(0,), left=()):
 
 
 def errors(*rms):
-    return Errors(np.tile(np.square(rms), (50, 1)), np.zeros(50, int))
+    return Errors(np.tile(np.square(rms), (50, 1)), np.arange(50) // 10)
 
 
 @pytest.mark.parametrize("after, expected", [
@@ -35,7 +35,7 @@ def errors(*rms):
 ])  # fmt: skip
 def test_what_a_cause_leaves_of_another_motion(after, expected):
     verdict = borne_out(
-        told("payload"), errors(10.0 * NOISE, NOISE), errors(after, 9.0 * NOISE)
+        told("payload"), errors(10.0 * NOISE, NOISE), errors(after, 9.0 * NOISE), 0
     )
     assert verdict.verdict == expected
     (cause,) = verdict.causes
@@ -43,13 +43,21 @@ def test_what_a_cause_leaves_of_another_motion(after, expected):
     assert cause.probability == (1.0 if expected == "named" else UNSURE)
 
 
+@pytest.mark.parametrize("after", [10.0, 20.0])
+def test_a_cause_that_predicts_no_better_than_nothing_explains_nothing(after):
+    worse = errors(after * NOISE, NOISE)
+    verdict = borne_out(told("payload"), errors(10.0 * NOISE, NOISE), worse, 0)
+    assert verdict.verdict == "unknown" and verdict.unexplained == [0]
+    assert verdict.causes[0].probability == 0.5
+
+
 def test_lost_commands_predict_nothing_of_another_motion():
     worse = errors(20.0 * NOISE, 20.0 * NOISE)
-    verdict = borne_out(told("dropped_commands"), errors(10.0 * NOISE, NOISE), worse)
+    verdict = borne_out(told("dropped_commands"), errors(10.0 * NOISE, NOISE), worse, 0)
     assert verdict.verdict == "named" and verdict.causes[0].borne_out
 
 
 def test_an_unknown_verdict_stays_unknown():
     worse = errors(20.0 * NOISE, 20.0 * NOISE)
-    verdict = borne_out(told("payload", left=(1,)), errors(NOISE, NOISE), worse)
+    verdict = borne_out(told("payload", left=(1,)), errors(NOISE, NOISE), worse, 0)
     assert verdict.verdict == "unknown" and not verdict.causes[0].borne_out

@@ -98,7 +98,7 @@ def diagnose(
     if unseen and not floats(model):
         series = {name: each[1] for name, each in pairs.items()}
         errors = measure.log_errors(unseen, series)
-        verdict = borne_out(verdict, errors["nominal"], errors["extended"])
+        verdict = borne_out(verdict, errors["nominal"], errors["extended"], seed)
     rows = [result.cause_row(verdict, cause, seed) for cause in verdict.causes]
     gain = _gain(nominal, world, logs, unseen, pairs, case, seed) if unfit else None
     fallback.withdraw(out)
