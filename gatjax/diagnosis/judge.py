@@ -326,9 +326,9 @@ class Judge(Known):
             assert owner is not None
             return Claim(owner.newest, np.zeros(0), (index,), {index: found.fit}, gain)
 
-        decoded = loss.fit.rms() < drops.DECODED * joint.noise
-        named = claim(loss)._replace(lost={index: loss.lost}) if decoded else None
-        unnamed = claim(outage) if outage is not None else None
-        if unnamed is not None and unnamed.gain > (named.gain if named else WORTH):
-            return unnamed
-        return named
+        right = [
+            claim(found)._replace(lost={index: loss.lost} if found is loss else None)
+            for found in (loss, outage)
+            if found is not None and found.fit.rms() < drops.DECODED * joint.noise
+        ]
+        return max(right, key=lambda claim: claim.gain, default=None)
