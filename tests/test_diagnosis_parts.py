@@ -1,5 +1,7 @@
 """Pieces of the diagnosis that have an answer on paper."""
 
+from types import SimpleNamespace
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -228,3 +230,19 @@ def test_a_value_that_joints_share_stays_when_it_is_looked_for_again():
         found = known.refitted(claim)
         assert all(fit.rms() < one.noise for fit in found.fits.values())
         assert [len(fit.x) for fit in found.fits.values()] == [count] * len(claim.fits)
+
+
+def test_lost_commands_that_are_looked_at_alone_forget_what_was_known_beside_them():
+    lag, bare = by_cause("first_order_lag"), joint(wave)
+    command = np.array([wave(t) for t in bare.time[0]])
+    gone = np.random.default_rng(3).uniform(size=250) < 0.2
+    gone[0] = False
+    angle = drops.with_commands(bare, [command], [gone]).simulate([{}], False)[..., 0]
+    known = Known.__new__(Known)
+    known.joints = [bare._replace(measured=angle)]
+    known.known = [fits.start(known.joints[0], [(None, np.zeros(COUNT))])[0]]
+    known.case = SimpleNamespace(commands=lambda index: [command])
+    beside = fits.start(bare, [(combined(lag, drops.LOST), np.zeros(COUNT + 1))])[0]
+    claim = Claim(drops.LOST, np.zeros(0), (0,), {0: beside}, 9.0, lost={0: [gone]})
+    (alone,) = known.refitted(claim).fits.values()
+    assert len(alone.x) == COUNT and alone.rms() < bare.noise

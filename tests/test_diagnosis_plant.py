@@ -29,7 +29,7 @@ def joint(target, rest=0.0, inertia=0.018):
     stamps = np.arange(0.0, 2.5, 0.01)[None]
     return Joint(
         "elbow", 0, NOMINAL, grid, LEAD, stamps, np.zeros_like(stamps),
-        np.ones(stamps.shape, bool), np.ones(stamps.shape), 7e-4,
+        np.ones(stamps.shape, bool), 7e-4,
     )  # fmt: skip
 
 

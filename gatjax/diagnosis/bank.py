@@ -6,6 +6,7 @@ import numpy as np
 
 from gatjax.diagnosis import quantum
 from gatjax.diagnosis.coordinates import (
+    add_terms,
     armature_of,
     factor,
     gain_of,
@@ -37,9 +38,7 @@ def _payload() -> Hypothesis:
     def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
         mass, weight = float(np.exp(x[0])), max(joint.link.mass, 1e-3)
         shift = mass * x[1:] / weight
-        drive[f"term{TERMS}"] = mass
-        drive.update({f"term{TERMS + 1 + k}": float(s) for k, s in enumerate(shift)})
-        _swing(drive, joint, mass, x[1:])
+        add_terms(drive, TERMS, [mass, *shift, mass * joint.link.swung(x[1:])])
 
     def values(joint: Joint, x: np.ndarray) -> Numbers:
         place = dict(zip("xyz", map(float, joint.link.centre + x[1:]), strict=True))
@@ -58,18 +57,16 @@ def _payload() -> Hypothesis:
     )  # fmt: skip
 
 
-def _swing(drive: Numbers, joint: Joint, mass: float, shift: np.ndarray) -> None:
-    """Set what grows with the square of a shift; the other terms are linear in it."""
-    drive[f"term{TERMS + BODY_TERMS.index('spin')}"] = mass * joint.link.swung(shift)
-
-
 def _shift() -> Hypothesis:
-    """A centre of mass elsewhere: first moments, and the square of the shift."""
+    """A centre of mass elsewhere: first moments, and the square of the shift.
+
+    The square turns about the joint's axis (spin); about others it is left out.
+    """
     plain = vector("com_shift", TERMS + 1, ("x", "y", "z"), "distance", 0.02, 0.17)
 
     def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
-        plain.put(drive, joint, x)
-        _swing(drive, joint, joint.link.mass, x)
+        spin = joint.link.mass * joint.link.swung(x)
+        add_terms(drive, TERMS + 1, [*x, spin])
 
     return plain._replace(put=put)
 
@@ -81,7 +78,7 @@ def _tilt() -> Hypothesis:
     def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
         gravity = np.array([joint.nominal[name] for name in GRAVITY])
         change = tilted(gravity, x) - gravity
-        drive.update({f"term{first + k}": float(v) for k, v in enumerate(change)})
+        add_terms(drive, first, change)
 
     plain = vector("gravity_tilt", first, ("roll", "pitch"), "angle", 0.1, 0.6)
     more = tuple((k * a, k * b) for k in (0.3, -0.3) for a, b in ((1, 0), (0, 1)))

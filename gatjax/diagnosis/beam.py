@@ -54,7 +54,8 @@ def events(joint: Joint, run: int, command: np.ndarray, drive: dict) -> Events:
     place = (time * (1.0 - drive.get("drift", 0.0)) - drive.get("late", 0.0)) / STEP
     place = np.clip(place + (joint.lead - 1.0), 0.0, count - 2.0)
     at = np.floor(place).astype(int) + 1
-    read[at], part[at], reading[at] = 1.0, place - at + 1.0, joint.measured[run, :rows]
+    read[at], part[at] = joint.valid[run, :rows], place - at + 1.0
+    reading[at] = joint.measured[run, :rows]
     return Events(comes, newest, command[newest], read, part, reading)
 
 

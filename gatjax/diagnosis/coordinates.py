@@ -154,6 +154,12 @@ def signed(
     )  # fmt: skip
 
 
+def add_terms(drive: Numbers, first: int, sizes: Sequence[float] | np.ndarray) -> None:
+    """Add to load terms that follow each other; another cause may have set them."""
+    for term, size in enumerate(sizes, start=first):
+        drive[f"term{term}"] = drive.get(f"term{term}", 0.0) + float(size)
+
+
 def vector(
     cause: str, first: int, names: tuple[str, ...], norm: str, size: float, high: float
 ) -> Hypothesis:
@@ -161,7 +167,7 @@ def vector(
     count = len(names)
 
     def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
-        drive.update({f"term{first + k}": float(v) for k, v in enumerate(x)})
+        add_terms(drive, first, x)
 
     def values(joint: Joint, x: np.ndarray) -> Numbers:
         parts = {name: float(v) for name, v in zip(names, x, strict=True)}

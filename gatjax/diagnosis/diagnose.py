@@ -65,7 +65,8 @@ def diagnose(
     Args:
         source: model file (MJCF), or "nao".
         fit: recordings to explain.
-        unfit: recordings that only measure the gain; may be empty.
+        unfit: recordings that nothing is fitted to: they measure the gain, and causes
+            that do not predict them are doubted; may be empty.
         out: folder for diagnosis.json, signals.parquet, world.json, extended.xml, and
             learned/ where a joint is not explained.
         seed: of everything that is drawn.

@@ -137,7 +137,7 @@ def outage(
     law = combined(base.hypothesis, UNPOWERED._replace(values=lambda joint, x: told))
     starts = fits.start(now, [(law, base.x), (law, losses.fit.x)])
     fit = min(fits.improve(now, starts, ROUNDS), key=lambda fit: fit.cost)
-    return Losses(windows, now, fit, times * ODDS)
+    return Losses(windows, now, fit, 2.0 * ODDS * times)  # begins and ends
 
 
 def _long(lost: np.ndarray) -> np.ndarray:

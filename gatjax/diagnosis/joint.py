@@ -47,8 +47,7 @@ class Joint(NamedTuple):
     lead: int
     time: np.ndarray  # [R, N] s
     measured: np.ndarray  # [R, N] rad
-    valid: np.ndarray  # [R, N]
-    counts: np.ndarray  # [R, N] 0 near a stop of the joint, whose readings count not
+    valid: np.ndarray  # [R, N] what counts: no padding, and no stop of the joint
     noise: float  # rad, standard deviation of a reading
     allowed: Tolerances = USUAL
     link: Link = Link(1.0, np.zeros(3), np.eye(3)[0])
@@ -59,9 +58,9 @@ class Joint(NamedTuple):
         return self._replace(nominal=free | ({"pull": rate} if rate else {}))
 
     def residual(self, drives: list[dict[str, float]], geared: bool) -> np.ndarray:
-        """Measured minus simulated at all valid rows [n, S], rad; 0 near a stop."""
-        left = self.measured[..., None] - self.simulate(drives, geared)
-        return (left * self.counts[..., None])[self.valid]
+        """Measured minus simulated at all valid rows [n, S], rad."""
+        seen = self.simulate(drives, geared)
+        return (self.measured[..., None] - seen)[self.valid]
 
     def simulate(self, drives: list[dict[str, float]], geared: bool) -> np.ndarray:
         """Readings [R, N, S] rad of joints whose drives differ."""
@@ -182,7 +181,6 @@ def build(
     largest = max(float(total.max()) for total in supply)
     supply = [total / max(largest, 1e-9) for total in supply]
     at = np.stack([_padded(run.time - run.time[0], rows) for run in runs])
-    valid = np.stack([np.arange(rows) < len(run.time) for run in runs])
     joints = []
     for index, name in enumerate(names):
         drive = nominal_drive(model, tree, index)
@@ -221,22 +219,24 @@ def build(
             running=jnp.asarray(clock <= ends, jnp.float32),
         )  # fmt: skip
         seen = np.stack([_padded(run.angle[:, index], rows) for run in runs])
-        counts = np.stack([_padded(_free(model, run, index), rows) for run in runs])
+        valid = np.zeros(seen.shape, bool)
+        for row, run in zip(valid, runs, strict=True):
+            row[: len(run.time)] = _free(model, run, index)
         level = float(noise[index])
         body = tree.body[index]
         mass, centre = float(model.body_mass[body]), model.body_ipos[body].copy()
         link = Link(mass, centre, tree.axis[index])
-        readings = at, seen, valid, counts, level
+        readings = at, seen, valid, level
         joints.append(Joint(name, index, drive, grid, lead, *readings, allowed, link))
     return joints
 
 
 def _free(model: mujoco.MjModel, run: JointRun, index: int) -> np.ndarray:
-    """1 at readings [N] of a joint, 0 where its stop holds or has held it."""
+    """Readings [N] of a joint that are free of its stops."""
     joint = model.actuator_trnid[index, 0]
     if not model.jnt_limited[joint]:
-        return np.ones(len(run.time))
-    return 1.0 - stops.hindered(run, index, *model.jnt_range[joint])
+        return np.ones(len(run.time), bool)
+    return ~stops.hindered(run, index, *model.jnt_range[joint])
 
 
 def _padded(values: np.ndarray, rows: int) -> np.ndarray:

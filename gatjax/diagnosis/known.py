@@ -173,6 +173,9 @@ class Known:
             joint, known = self.joints[index], self.known[index]
             if claim.body is not None:
                 joint = self.case.carrying(index, claim.body)
+            if claim.lost:
+                commands = self.case.commands(index)
+                joint = drops.with_commands(joint, commands, claim.lost[index])
             owner = combined(known.hypothesis, newest)
             plain = np.append(np.zeros(COUNT), known.x[COUNT:])
             points = [(owner, np.append(x, own)) for x in (known.x, plain)]

@@ -110,13 +110,20 @@ def perturbed(
     model: mujoco.MjModel, allowed: Tolerances, draw: np.random.Generator
 ) -> mujoco.MjModel:
     """A model with bodies and mounting drawn from their tolerances."""
-    other = mujoco.MjModel.__copy__(model)
-    bodies = (model.nbody, 3)
+    other, bodies = copied(model), (model.nbody, 3)
     other.body_mass *= 1.0 + allowed.mass * draw.normal(size=model.nbody)
     other.body_inertia *= 1.0 + allowed.inertia * draw.normal(size=bodies)
     moved = allowed.com * draw.normal(size=bodies)
     other.body_ipos += moved * (model.body_mass > 0)[:, None]
     other.opt.gravity[:] = tilted(model.opt.gravity, allowed.tilt * draw.normal(size=2))
+    return other
+
+
+def copied(model: mujoco.MjModel) -> mujoco.MjModel:
+    """A copy whose bodies may change: without what the compiler saw it could skip."""
+    other = mujoco.MjModel.__copy__(model)
+    other.body_sameframe[:] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
+    other.dof_simplenum[:] = 0
     return other
 
 
@@ -185,22 +192,19 @@ def changed(tree: Tree, joint: int) -> list[tuple[mujoco.MjModel, float]]:
     """
     model, body = tree.model, int(tree.body[joint])
     size = 0.1 * float(model.body_subtreemass[body])
-    heavy = mujoco.MjModel.__copy__(model)
+    heavy = copied(model)
     heavy.body_mass[body] += size
     variants = [(heavy, size)]
     for axis in range(3):
-        moved = mujoco.MjModel.__copy__(model)
+        moved = copied(model)
         moved.body_ipos[body, axis] += SHIFT
         variants.append((moved, SHIFT))
-    variants.append((_spun(model, body, tree.axis[joint]), SPIN))
-    for other, _ in variants:
-        other.body_sameframe[body] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
-    return variants
+    return [*variants, (_spun(model, body, tree.axis[joint]), SPIN)]
 
 
 def _spun(model: mujoco.MjModel, body: int, axis: np.ndarray) -> mujoco.MjModel:
     """A model whose body has SPIN more moment of inertia about an axis [3] of its."""
-    other = mujoco.MjModel.__copy__(model)
+    other = copied(model)
     turn, principal, quaternion = np.zeros(9), np.zeros(3), np.zeros(4)
     mujoco.mju_quat2Mat(turn, model.body_iquat[body])
     old = turn.reshape(3, 3)

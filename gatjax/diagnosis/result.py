@@ -180,6 +180,9 @@ def sentence(verdict: Verdict, rows: list[dict[str, Any]]) -> str:
             doubt = "that predicts the held-out motion badly"
         return f"The simulation most likely lacks {named}, but {doubt}."
     start = f"The simulation lacks {named}; besides, " if rows else ""
+    if not all(row["borne_out"] for row in rows):
+        start = f"{named} would fit, but does not predict the held-out logs; "
+        start = start[0].upper() + start[1:]
     text = f"something at {left} is wrong that no cause of the catalogue explains"
     if verdict.law is not None:
         text += f"; it looks like {verdict.law.hypothesis.variant}"

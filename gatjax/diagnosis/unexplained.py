@@ -62,9 +62,10 @@ def _series(
         zip(case.runs, case.motions, case.loads, strict=True)
     ):
         time = run.time - run.time[0]
-        rest = fit.residual[start : start + len(time), None]
-        start += len(time)
-        found = smoothed(run, rest, time)
+        valid = joint.valid[number, : len(time)]
+        rest = fit.residual[start : start + valid.sum()]
+        start += len(rest)
+        found = smoothed(run, np.interp(time, time[valid], rest)[:, None], time)
         inertia = np.interp(time, motion.time, load.nominal.inertia[:, joint.index])
         torque.append(
             inertia * found.acceleration[:, 0]

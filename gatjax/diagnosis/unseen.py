@@ -42,10 +42,15 @@ def borne_out(verdict: Verdict, before: Errors, after: Errors, seed: int) -> Ver
 
 
 def _left(verdict: Verdict, cause: Cause, before: Errors, after: Errors) -> float:
-    """Share of the nominal error's power that a cause leaves at its joints."""
-    if cause.claim.hypothesis.cause in RANDOM:
-        return 0.0
-    joints = [verdict.judge.joints[k] for k in cause.claim.fits]
+    """Share of the nominal error's power that a cause leaves at its joints.
+
+    Joints that lost commands do not count.
+    """
+    chance = {
+        k for each in verdict.causes if each.claim.hypothesis.cause in RANDOM
+        for k in each.claim.fits
+    }  # fmt: skip
+    joints = [verdict.judge.joints[k] for k in set(cause.claim.fits) - chance]
     nominal, extended = before.rmse() ** 2, after.rmse() ** 2
     tolerated = [(TOLERABLE * joint.noise) ** 2 for joint in joints]
     left = [

@@ -133,7 +133,7 @@ def _exchanged(
     told = len(second.own) or second.lost
     if set(first.fits) != set(second.fits) or not told:
         return judge, causes
-    alone = fresh.accept(second if second.lost else fresh.refitted(second))
+    alone = fresh.accept(fresh.refitted(second))
     kept = causes[1]._replace(claim=alone)
     claims = [c for c in fresh.claims() if not _again(c, [alone], len(fresh.joints))]
     best = next((c for c in claims if worth_naming(fresh, c)), None)
