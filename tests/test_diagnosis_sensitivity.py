@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from test_diagnosis_plant import joint, wave
 
+from gatjax.diagnosis import findings, sensitivity
 from gatjax.diagnosis import fit as fits
-from gatjax.diagnosis import sensitivity
 from gatjax.diagnosis.bank import CAUSES
 from gatjax.diagnosis.claims import LATER, PLACE, PRICE, WORTH, Claim
 from gatjax.diagnosis.coordinates import factor, positive
+from gatjax.diagnosis.findings import SEEN, VISIBLE
 from gatjax.diagnosis.hypotheses import COUNT, tolerated
 from gatjax.diagnosis.judge import Judge
-from gatjax.diagnosis.verdict import SEEN, VISIBLE
 
 LOADED, OFFSET = "of the servo's torque", "log only"
 FEW = [
@@ -87,7 +87,7 @@ def test_more_is_asked_beside_a_named_cause_and_of_a_standing_robot(judge):
     claim = Claim(FEW[0], np.zeros(1), (5,), {}, 50.0)
     judge.accepted = [claim]
     beside = found(judge)
-    assert sensitivity._asked(judge, 0) == (LATER, VISIBLE)
+    assert findings.needed(judge, [0]) == (LATER, VISIBLE)
     judge.accepted, judge.worth = [], LATER
     standing = found(judge)
     size = {cause: sensitivity._size(cause, row["value"])

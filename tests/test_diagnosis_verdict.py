@@ -49,7 +49,7 @@ class Told(Judge):
 def named(monkeypatch):
     """Both causes, and what `_exchanged` makes of them, as names."""
     monkeypatch.setattr(verdict, "worth_naming", lambda judge, claim: True)
-    monkeypatch.setattr(verdict, "_whole", lambda judge, claim: True)
+    monkeypatch.setattr(verdict, "whole", lambda judge, claim: True)
     causes = [verdict.Cause(claim(n), 0.9, [], []) for n in ("gain", "elastic")]
 
     def run(judge, fresh, *second):

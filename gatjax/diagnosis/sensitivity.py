@@ -8,12 +8,13 @@ import numpy as np
 
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.bank import CAUSES
-from gatjax.diagnosis.claims import LATER, PLACE, PRICE
+from gatjax.diagnosis.claims import PLACE, PRICE
+from gatjax.diagnosis.findings import needed
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined, pinned
 from gatjax.diagnosis.joint import Joint
 from gatjax.diagnosis.judge import Judge
-from gatjax.diagnosis.verdict import AGAIN, SEEN, VISIBLE, adequate, alias
+from gatjax.diagnosis.verdict import alias
 from gatjax.effects.catalogue import CATALOGUE
 
 LEVELS = 8  # sizes that are tried in one direction
@@ -99,14 +100,6 @@ def _ladders(joint: Joint, hypothesis: Hypothesis) -> list[Ladder]:
     return [plain if grows else plain._replace(rungs=plain.rungs[::-1])]
 
 
-def _asked(judge: Judge, index: int) -> tuple[float, float]:
-    """Nats and visibility that a finding at a joint needs, as in `worth_naming`."""
-    if not judge.accepted:
-        return judge.worth, SEEN
-    known = any(index in claim.fits for claim in judge.accepted)
-    return (AGAIN if known and adequate(judge, index) else LATER), VISIBLE
-
-
 def _margins(judge: Judge, index: int, ladders: list[Ladder]) -> list[np.ndarray]:
     """How far each size is beyond what a finding needs, as logarithms [LEVELS] each.
 
@@ -118,7 +111,7 @@ def _margins(judge: Judge, index: int, ladders: list[Ladder]) -> list[np.ndarray
     points = [(ladder.hypothesis, ladder.own(rung)) for ladder in ladders
               for rung in ladder.rungs]  # fmt: skip
     prices = np.array([PRICE * len(h.low) + PLACE for h, _ in points])
-    nats, visibility = _asked(judge, index)
+    nats, visibility = needed(judge, [index])
     worth = np.log(np.maximum(_nats(joint, known, points), FAINT) / (nats + prices))
     seen = np.log(np.maximum(_seen(free, points), FAINT) / visibility**2)
     return np.split(np.minimum(worth, seen), len(ladders))

@@ -8,8 +8,9 @@ proven to predict better than the nominal model, it explains nothing.
 from __future__ import annotations
 
 from gatjax.diagnosis import measure
+from gatjax.diagnosis.findings import TOLERABLE
 from gatjax.diagnosis.measure import Errors
-from gatjax.diagnosis.verdict import TOLERABLE, Cause, Verdict, word
+from gatjax.diagnosis.verdict import Cause, Verdict, word
 
 LEAVES = 0.1  # share of the error's power on another motion that a right cause leaves
 UNSURE = 0.7  # probability at most of one that leaves more

@@ -8,6 +8,7 @@ import numpy as np
 
 from gatjax.diagnosis import case as cases
 from gatjax.diagnosis.claims import LATER, Claim
+from gatjax.diagnosis.findings import adequate, whole, worth_naming
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis
 from gatjax.diagnosis.judge import Judge
 
@@ -17,19 +18,7 @@ GUESS = 0.2  # probability that the first cause needs: what beats it is no findi
 LIKELY = 0.5  # probability that a further cause needs to be told at all
 CLOSE = 3.0  # nats: two causes that the data cannot tell apart
 MARGIN = 10.0  # nats: an alias is told apart; two causes beat an unnamed law
-TOLERABLE = 2.2  # times the reading noise: an explanation may leave that much
-LEAST_SHARE = 0.4  # of the misfit power at its joints that a cause has to explain
-SEEN = 0.3  # times the scatter from tolerances: a smaller change is not a cause
-VISIBLE = 0.5  # the same beside another cause
-SECOND_SHARE = 0.8  # as LEAST_SHARE, where a joint is explained but for a little
-AGAIN = 20.0  # nats of a further cause there
-DRAWN_SHARE = 0.7  # as LEAST_SHARE, of a further cause at a joint that is drawn
-EXPECTED = 1.3  # misfit power of a right model, in squares of the reading noise
-SPENT = 9.0  # squared deviations: tolerances that imitate a cause instead of a misfit
-STRAINED = 30.0  # the same of a joint: its tolerances imitate something
-ROUGH = 3.5  # as TOLERABLE, with a named cause, whose law is a simplification
-REST = 0.02  # share of the misfit power that an explanation may leave
-DRAWN_REST = 0.15  # the same of a joint that is drawn to its measured motion
+STRAINED = 30.0  # squared deviations of a joint whose tolerances imitate something
 ALIASES = (
     frozenset({"command_delay", "measurement_delay"}),
     frozenset({"damping_error", "viscous_friction"}),
@@ -92,7 +81,7 @@ def decide(judge: Judge) -> Verdict:
         best = next((c for c in claims if worth_naming(judge, c)), None)
         if best is None:
             break
-        if not (judge.confirmed(best) or _whole(judge, best)):
+        if not (judge.confirmed(best) or whole(judge, best)):
             named = _pair(judge, claims, best)
             if named is None:
                 law = best if not best.hypothesis.cause else None
@@ -138,7 +127,7 @@ def _exchanged(
     claims = [c for c in fresh.claims() if not _again(c, [alone], len(fresh.joints))]
     best = next((c for c in claims if worth_naming(fresh, c)), None)
     name = frozenset({first.hypothesis.cause})
-    if best is not None and (_same(best, first, name) or not _whole(fresh, best)):
+    if best is not None and (_same(best, first, name) or not whole(fresh, best)):
         return judge, causes
     least, found = -LATER, [kept]
     if best is not None:
@@ -147,44 +136,6 @@ def _exchanged(
     freed = len(judge.case.pulled) - len(fresh.case.pulled)  # drawn ones look better
     better = fresh.evidence() - judge.evidence() > least
     return (fresh, found) if freed > 0 or (freed == 0 and better) else (judge, causes)
-
-
-def worth_naming(judge: Judge, claim: Claim) -> bool:
-    """Whether a claim is well supported, and larger than what tolerances do.
-
-    What a large cause leaves at its joint, a small share of what it explained, is more
-    likely its own law drawn too simply than a second cause.
-    """
-    if claim.gain < (LATER if judge.accepted else judge.worth):
-        return False
-    if len(claim.fits) > 1 and claim.stance is None and not _whole(judge, claim):
-        return False  # one value at several joints has to suit them
-    known = {k for accepted in judge.accepted for k in accepted.fits}
-    drawn = set(claim.fits) <= known & set(judge.case.pulled)
-    if drawn and explained(judge, claim) < DRAWN_SHARE:
-        return False  # what is drawn looks right to several laws
-    again = [k for k in claim.fits if k in known and adequate(judge, k)]
-    weak = claim.gain < AGAIN or explained(judge, claim) < SECOND_SHARE
-    if len(again) == len(claim.fits) and weak:
-        return False
-    return judge.visibility(claim) > (VISIBLE if judge.accepted else SEEN)
-
-
-def _whole(judge: Judge, claim: Claim) -> bool:
-    """Whether a claim has a name and explains most of the misfit at its joints."""
-    return bool(claim.hypothesis.cause) and explained(judge, claim) >= LEAST_SHARE
-
-
-def explained(judge: Judge, claim: Claim) -> float:
-    """Share of the misfit power beyond noise that a claim explains at its joints."""
-    before = after = 0.0
-    for index, fit in claim.fits.items():
-        joint = judge.joints[index]
-        before += (judge.known[index].rms() / joint.noise) ** 2 - EXPECTED
-        after += (fit.rms() / joint.noise) ** 2 - EXPECTED
-    spent = sum(float(judge.known[k].x @ judge.known[k].x) for k in claim.fits)
-    calm = before < len(claim.fits) * EXPECTED and spent > len(claim.fits) * SPENT
-    return 1.0 if calm else 1.0 - max(after, 0.0) / max(before, 1e-9)
 
 
 def _again(claim: Claim, told: list[Claim], joints: int) -> bool:
@@ -217,20 +168,6 @@ def word(causes: list[Cause], left: list[int]) -> str:
     return "named" if sure else "ambiguous"
 
 
-def adequate(judge: Judge, index: int) -> bool:
-    """Whether what is known about a joint leaves no more than a right model would."""
-    joint, fit = judge.joints[index], judge.known[index]
-    level = fit.rms() / joint.noise
-    before = judge.case.healthy[index].rms() / joint.noise
-    known = any(index in claim.fits for claim in judge.accepted)
-    if index in judge.case.pulled:  # it looks better than it is
-        enough = known and level < ROUGH and level**2 < DRAWN_REST * before**2
-    else:
-        most = ROUGH if known else TOLERABLE
-        enough = level < most or level**2 < REST * before**2
-    return enough or judge.tolerates(index)
-
-
 def _pair(judge: Judge, claims: list[Claim], law: Claim) -> Claim | None:
     """The first of two named causes that explain a joint better than an unnamed law."""
     named = [
@@ -243,7 +180,7 @@ def _pair(judge: Judge, claims: list[Claim], law: Claim) -> Claim | None:
         known, count = trial.accept(first), len(trial.joints)
         left = [c for c in trial.claims() if not _again(c, [known], count)]
         second = next((c for c in left if worth_naming(trial, c)), None)
-        if second is None or not _whole(trial, second):
+        if second is None or not whole(trial, second):
             continue
         if law.hypothesis.cause or first.gain + second.gain > law.gain + MARGIN:
             return first
