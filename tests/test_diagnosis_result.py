@@ -8,7 +8,7 @@ from gatjax.diagnosis.bank import CAUSES, OTHERS
 from gatjax.diagnosis.claims import Claim, Stance
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.judge import Judge
-from gatjax.diagnosis.result import SHOWN, candidates
+from gatjax.diagnosis.result import SHOWN, candidates, sentence
 from gatjax.diagnosis.verdict import Cause, Verdict
 
 FIT = Fit(
@@ -79,3 +79,28 @@ def test_nothing_is_weighed_after_the_last_cause_that_may_be_named():
     assert [row["cause"] for row in rows] == ["ground_friction", "first_order_lag"]
     assert rows[0]["where"] == ["ground"] and rows[0]["rms"] is None
     assert rows[0]["parameters"] == {"mu": {"value": 0.3, "unit": "1"}}
+
+
+def row(cause, borne_out):
+    size = {"value": 0.1, "unit": "rad"}
+    return {"cause": cause, "where": ["elbow"], "parameters": {"width": size},
+            "equivalent": [], "borne_out": borne_out}  # fmt: skip
+
+
+SURE, DOUBTFUL = "backlash of 0.1 rad (width) at elbow", "stiction of 0.1 rad (width)"
+
+
+@pytest.mark.parametrize("rows, left, said", [
+    ([row("backlash", True)], [0], f"The simulation lacks {SURE}; besides, something"),
+    ([row("backlash", True), row("stiction", False)], [0],
+     f"The simulation lacks {SURE}; {DOUBTFUL} at elbow would fit, but does not"),
+    ([row("stiction", False)], [0], f"S{DOUBTFUL[1:]} at elbow would fit, but"),
+    ([], [0], "Something at elbow is wrong that no cause"),
+    ([row("backlash", True), row("stiction", False)], [],
+     f"lacks {SURE} and {DOUBTFUL} at elbow, but the held-out logs do not bear out s"),
+    ([row("backlash", True)], [], "but the logs leave a doubt."),
+])  # fmt: skip
+def test_the_sentence_tells_what_held_out_logs_bear_out(rows, left, said):
+    word = "unknown" if left else "ambiguous"
+    text = sentence(verdict([])._replace(verdict=word, unexplained=left), rows)
+    assert said in text and text[0].isupper() and text.endswith(".")

@@ -167,26 +167,30 @@ def calibration_rows(verdict: Verdict) -> list[dict[str, Any]]:
 
 def sentence(verdict: Verdict, rows: list[dict[str, Any]]) -> str:
     """The verdict in one sentence a person understands."""
-    named = " and ".join(_phrase(row) for row in rows)
+    sure, doubtful = (
+        " and ".join(_phrase(row) for row in rows if row["borne_out"] == told)
+        for told in (True, False)
+    )
+    both = " and ".join(part for part in (sure, doubtful) if part)
     names = [verdict.judge.joints[k].name for k in verdict.unexplained]
     left = ", ".join(names[:4]) + (" and others" if len(names) > 4 else "")
     if verdict.verdict == "none":
         return "The simulation agrees with the logs within its tolerances."
     if verdict.verdict == "named":
-        return f"The simulation lacks {named}."
+        return f"The simulation lacks {both}."
     if verdict.verdict == "ambiguous":
         doubt = "the logs leave a doubt"
-        if not all(row["borne_out"] for row in rows):
-            doubt = "that predicts the held-out motion badly"
-        return f"The simulation most likely lacks {named}, but {doubt}."
-    start = f"The simulation lacks {named}; besides, " if rows else ""
-    if not all(row["borne_out"] for row in rows):
-        start = f"{named} would fit, but does not predict the held-out logs; "
-        start = start[0].upper() + start[1:]
+        if doubtful:
+            doubt = f"the held-out logs do not bear out {doubtful}"
+        return f"The simulation most likely lacks {both}, but {doubt}."
+    parts = [f"the simulation lacks {sure}"] if sure else []
+    if doubtful:
+        parts.append(f"{doubtful} would fit, but does not predict the held-out logs")
     text = f"something at {left} is wrong that no cause of the catalogue explains"
     if verdict.law is not None:
         text += f"; it looks like {verdict.law.hypothesis.variant}"
-    return start + (text if rows else text[0].upper() + text[1:]) + "."
+    whole = "; ".join([*parts, f"besides, {text}" if sure else text])
+    return f"{whole[0].upper()}{whole[1:]}."
 
 
 def unexplained(verdict: Verdict) -> dict[str, Any]:
