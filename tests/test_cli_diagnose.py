@@ -113,6 +113,7 @@ def test_logs_that_it_cannot_trust(given, tmp_path, capsys):
         ((str(tmp_path / "fit*.parquet"),), (), "no such file; "),
         ((fit,), (str(tmp_path / "none.parquet"),), "held.parquet"),
         ((), (), "--data names no file"),
+        ((fit,), (held, held), "is named twice after --held-out"),
     ]
     for data, unseen, text in cases:
         held_out = ["--held-out", *unseen] if unseen else []
@@ -122,6 +123,9 @@ def test_logs_that_it_cannot_trust(given, tmp_path, capsys):
     assert "no.xml does not exist" in refused(capsys, *words)
     assert "--seed is -1" in refused(capsys, *words, "--seed", "-1")
     assert not out.exists()
+    mine = model(tmp_path / "extended.xml")
+    words = ["--model", mine, "--data", fit, "--out", str(tmp_path)]
+    assert "would write over it" in refused(capsys, *words)
     words = ["--model", robot, "--data", fit, "--out", held]
     assert "is a file, --out needs a folder" in refused(capsys, *words)
 
@@ -178,13 +182,14 @@ def test_the_table_of_causes():
 
 
 def test_the_gain_is_said_only_where_it_was_measured():
-    assert "not measured" in gain_lines(None)[0]
+    assert "give logs" in gain_lines(None, False)[0]
+    assert "falls at the start" in gain_lines(None, True)[0]
     gain = {"before": 0.02, "after": 0.005, "low": 0.7, "high": 0.8, "promoted": True}
-    lines = gain_lines(gain)
+    lines = gain_lines(gain, True)
     assert len(lines) == 1
     assert "1.15 -> 0.286 deg rms, 75% less" in lines[0] and "70% to 80%" in lines[0]
     worse = gain | {"after": 0.021, "promoted": False}
     assert (
-        "5% more" in gain_lines(worse)[0]
-        and "no gain is proven" in gain_lines(worse)[-1]
+        "5% more" in gain_lines(worse, True)[0]
+        and "no gain is proven" in gain_lines(worse, True)[-1]
     )

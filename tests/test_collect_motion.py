@@ -236,6 +236,25 @@ def test_collect_plays_a_motion(arm, tmp_path, capsys):
     np.testing.assert_allclose(np.diff(log.time[:900]), task_at(100.0).control_period)
 
 
+def test_a_simulated_motion_has_any_rate_and_only_a_nao_walks(arm, tmp_path, capsys):
+    world, out = tmp_path / "world.json", tmp_path / "log.parquet"
+    facts = {"schema": "gatjax.world/1", "model": "arm.xml", "effects": []}
+    world.write_text(json.dumps(facts))
+    given = ("--robot", "simulator", "--world", world, "--out", out)
+    playing = (*given, "--motion", "chirp", "--seconds", "9", "--runs", "1")
+    assert collect(capsys, *playing, "--rate-hz", "240")[0] == 0
+    log = read_recording(out)
+    np.testing.assert_allclose(np.diff(log.time), 1.0 / 240.0, rtol=1e-6)
+    refused = collect(capsys, *playing, "--rate-hz", "4")
+    assert "--rate-hz is 4" in refused[2][0]
+    assert "arm.xml: only a NAO can walk" in collect(capsys, *given)[2][0]
+    assert "a recording ends in" in collect(capsys, "--out", "walks.txt")[2][0]
+    for verb in (("search", "--out"), ("evaluate", "--robot", "simulator")):
+        tail = (tmp_path / "found",) if verb[-1] == "--out" else ()
+        code = main([str(word) for word in (*verb, *tail, "--world", world)])
+        assert code == 1 and "only a NAO can walk" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("given", "line"),
     [

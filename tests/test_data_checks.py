@@ -5,6 +5,7 @@ import pytest
 
 from gatjax.data.checks import findings, same_data, summary
 from gatjax.data.recording import Recording
+from gatjax.data.sampling import after_gaps
 
 JOINTS = ("hip", "knee")
 RANGES = {"hip": (-1.2, 1.0), "knee": (-0.3, 2.2)}
@@ -83,10 +84,19 @@ def test_reversals_are_turns_of_the_position_and_noise_makes_none():
     assert 0.6 * np.sum(turns == 2) <= value <= np.sum(turns == 2)
 
 
-def test_milliseconds_as_seconds_are_refused():
+@pytest.mark.parametrize(
+    ("factor", "unit"), [(1e3, "ms"), (1e6, "us"), (1e9, "ns"), (1e-4, None)]
+)
+def test_time_in_another_unit_is_refused_with_the_map_that_mends_it(factor, unit):
     wrong = log()
-    finding = only(wrong._replace(time=1e3 * wrong.time), "rate", "refuse")
-    assert "milliseconds" in finding.text and "column 'time'" in finding.text
+    finding = only(wrong._replace(time=factor * wrong.time), "rate", "refuse")
+    assert "column 'time'" in finding.text
+    assert (f"{{unit: {unit}}}" if unit else "in seconds") in finding.text
+
+
+def test_a_trajectory_of_half_an_hour_is_refused():
+    long = log(seconds=1000.0)
+    assert "trajectory 0 lasts 1000 s" in only(long, "rate", "refuse").text
 
 
 def test_rate_that_contradicts_the_metadata_is_warned_of():
@@ -96,19 +106,39 @@ def test_rate_that_contradicts_the_metadata_is_warned_of():
     )
 
 
-def test_gap_names_its_row():
-    whole = log()
-    keep = np.r_[0:400, 430 : len(whole.time)]
-    cut = Recording(
-        "gap.csv",
-        whole.time[keep],
-        whole.trajectory[keep],
-        {name: values[keep] for name, values in whole.columns.items()},
-        {},
-    )
-    finding = only(cut, "gaps", "warning")
-    assert "row 401" in finding.text
+def without(whole, *parts):
+    """A log that lacks some rows."""
+    keep = np.setdiff1d(np.arange(len(whole.time)), np.concatenate(parts))
+    columns = {name: values[keep] for name, values in whole.columns.items()}
+    return Recording("gap.csv", whole.time[keep], whole.trajectory[keep], columns, {})
+
+
+def test_gap_names_its_row_and_what_it_costs():
+    finding = only(without(log(), np.r_[400:430]), "gaps", "warning")
+    assert "row 401" in finding.text and "(4% of the rows)" in finding.text
     assert finding.values["longest"] == pytest.approx(0.31, abs=0.002)
+    assert finding.values["lost"] == pytest.approx(50 / 1170, abs=0.002)
+
+
+def test_a_short_gap_costs_nothing():
+    finding = only(without(log(), np.r_[400:403]), "gaps", "warning")
+    assert finding.values["lost"] == 0.0 and "do not count" not in finding.text
+
+
+@pytest.mark.parametrize(
+    "parts", [[np.r_[400:510]], [np.r_[k : k + 20] for k in range(100, 1100, 60)]]
+)
+def test_a_second_without_rows_or_a_log_full_of_gaps_is_refused(parts):
+    finding = only(without(log(), *parts), "gaps", "refuse")
+    assert "log without gaps" in finding.text
+
+
+def test_a_gap_at_rest_is_none():
+    time = np.r_[0.0:1.0:0.01, 2.0:3.0:0.01]
+    command = np.where(time > 2.5, 0.3, 0.0)[:, None]
+    assert not after_gaps(time, command).any()
+    moved = after_gaps(time, np.where(time > 1.5, 0.3, 0.0)[:, None])
+    assert moved[100:149].all() and not moved[:100].any() and not moved[152:].any()
 
 
 def test_coarse_encoder_is_warned_of():
@@ -296,6 +326,15 @@ def test_same_rows_are_found_under_another_name_and_other_rows_are_not():
     line = same_data([held, fit], [copied])
     assert line is not None
     assert line.startswith("other.csv: rows 1 to 300 are also in fit.parquet")
+
+
+def test_motions_that_only_begin_alike_share_no_data():
+    one, other = log(seed=0), log(seed=7, name="other.csv")
+    alike = {
+        name: np.concatenate([one.columns[name][:200], values[200:]])
+        for name, values in other.columns.items()
+    }
+    assert same_data([one], [changed(other, **alike)]) is None
 
 
 def test_summary_puts_the_gravest_first():

@@ -116,6 +116,27 @@ def test_a_joint_with_backlash_keeps_its_servo(tmp_path: Path) -> None:
     assert told == ["backlash at lift: width 0.02"]
 
 
+def test_a_late_command_is_a_delay_of_the_c_engine(tmp_path: Path) -> None:
+    """It comes into force in the first step after it; the file says what to mind."""
+    world = add_cause(arm(tmp_path), "command_delay", ["lift"], 0.0113)
+    world = add_cause(world, "command_delay", ["all"], 0.003, "calibration")
+    world = add_cause(world, "dead_band", ["turn"], 0.01)
+    model = written(tmp_path, world)
+    np.testing.assert_allclose(model.actuator_delay, [0.0143, 0.003, 0.003])
+    data, seen = mujoco.MjData(model), []
+    data.ctrl[0] = 0.1
+    for _ in range(10):
+        mujoco.mj_step(model, data)
+        seen.append(data.actuator_force[0] > 1.0)
+    assert seen.index(True) == 8  # 16 ms
+    remarks = (tmp_path / "found" / "extended.xml").read_text().split("-->")
+    assert [line.split("<!-- ")[-1][:26] for line in remarks[1:-1]] == [
+        "has cause command_delay at", "has calibration command_de",
+        "lacks dead_band at turn: h", "delays are of MuJoCo C, in",
+    ]  # fmt: skip
+    assert lacking(world) == ["dead_band at turn: half_width 0.01"]
+
+
 FEET = """
 <mujoco>
   <compiler meshdir="assets"/>

@@ -16,6 +16,7 @@ from gatjax.data import sampling
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis.diagnose import control_period
+from gatjax.diagnosis.suitable import check_replay
 from gatjax.sim.episode import coupled, coupled_speed
 from gatjax.sim.limbs import put_down
 from gatjax.sim.world import dividing
@@ -89,6 +90,41 @@ def test_a_plain_model_is_diagnosed(tmp_path: Path) -> None:
     short = [row for row in found["gain"]["horizons"] if row["horizon_s"] == 0.1]
     assert all(row["after"] < 0.002 for row in short)
     mujoco.MjModel.from_xml_path(str(out / "extended.xml"))
+
+
+def test_a_model_that_falls_apart_is_refused(tmp_path, capsys, monkeypatch) -> None:
+    """It names the log and the moment, before anything is fitted."""
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes a log there
+    sound = mujoco.MjModel.from_xml_string(PLAIN)
+    logged(sound, tmp_path / "fit.parquet", 1, 8.0)
+    light = PLAIN.replace('armature="0.002"', 'armature="0"').replace("0.4", "1e-6")
+    light = light.replace('mass="0.1"', 'mass="1e-7"').replace('kv="0.2"', 'kv="9"')
+    light = light.replace("<option", '<option integrator="Euler"')
+    light = light.replace("<joint name", '<joint frictionloss="0" name')
+    (tmp_path / "robot.xml").write_text(light.replace('kp="4"', 'kp="40000"'))
+    command = ["diagnose", "--model", str(tmp_path / "robot.xml"), "--data"]
+    command += [str(tmp_path / "fit.parquet"), "--out", str(tmp_path / "out")]
+    assert main(command) == 1
+    line = capsys.readouterr().err.strip().splitlines()[-1]
+    assert "falls apart" in line and "fit.parquet" in line
+
+
+def test_a_simulation_that_gave_up_is_told_from_one_at_rest() -> None:
+    """Physics that gave up repeat their last row while the command moves on."""
+    time = 0.01 * np.arange(300)
+    log = Recording("fit.parquet", time, np.zeros(300, int), {}, {})
+    command = 0.3 * np.sin(time)[:, None]
+    moving = JointRun(0, time, command, command)
+    stuck = np.where(time < 1.5, command.T, 0.2).T
+    check_replay("arm.xml", [log], [moving], [command])
+    with pytest.raises(ValueError, match=r"1\.50 s into trajectory 0 of fit"):
+        check_replay("arm.xml", [log], [moving], [stuck])
+    resting = moving._replace(command=np.where(time < 1.5, command.T, 0.3).T)
+    check_replay("arm.xml", [log], [resting], [stuck])
+    broken = command.copy()
+    broken[70] = np.nan
+    with pytest.raises(ValueError, match=r"0\.70 s into"):
+        check_replay("arm.xml", [log], [moving], [broken])
 
 
 @pytest.mark.parametrize(

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from test_diagnosis_plant import joint, wave
 
+from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import bank, drops, motion, quantum
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.claims import PRICE, Claim, occam, shared_value, uncertainty
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, combined, information, numbers, pinned
-from gatjax.diagnosis.joint import STEP
+from gatjax.diagnosis.joint import STEP, noise_of
 from gatjax.diagnosis.known import Known
 from gatjax.diagnosis.loads import tilted
 from gatjax.effects.catalogue import CATALOGUE
@@ -67,6 +68,15 @@ def test_cells_hold_a_command_until_the_next_stamp():
     assert mean[30:] == pytest.approx(2.0)
     shifted = motion.cells(time + 0.005, command, grid)[:, 0]
     assert shifted[15] == pytest.approx(2.0)  # half a step of each
+
+
+def test_a_joint_at_rest_has_the_rounding_error_of_its_encoder():
+    time, step = 0.01 * np.arange(400), 0.002
+    angle = step * np.round(0.3 * np.sin(2.0 * time) / step)[:, None]
+    moving = JointRun(0, time, angle, angle)
+    resting = moving._replace(angle=np.zeros_like(angle))
+    assert noise_of([moving, resting])[0] > 0.99 * step / np.sqrt(12.0)
+    assert noise_of([resting])[0] == 1e-5  # nothing tells its encoder
 
 
 def test_gravity_of_a_tilted_mounting():

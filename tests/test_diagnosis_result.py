@@ -84,7 +84,7 @@ def test_nothing_is_weighed_after_the_last_cause_that_may_be_named():
 def row(cause, borne_out):
     size = {"value": 0.1, "unit": "rad"}
     return {"cause": cause, "where": ["elbow"], "parameters": {"width": size},
-            "equivalent": [], "borne_out": borne_out}  # fmt: skip
+            "equivalent": [], "borne_out": borne_out, "probability": 0.9}  # fmt: skip
 
 
 SURE, DOUBTFUL = "backlash of 0.1 rad (width) at elbow", "stiction of 0.1 rad (width)"
@@ -104,3 +104,12 @@ def test_the_sentence_tells_what_held_out_logs_bear_out(rows, left, said):
     word = "unknown" if left else "ambiguous"
     text = sentence(verdict([])._replace(verdict=word, unexplained=left), rows)
     assert said in text and text[0].isupper() and text.endswith(".")
+
+
+def test_the_sentence_names_few_joints_and_claims_no_more_than_it_knows():
+    many = row("backlash", True) | {
+        "where": list("abcdef"), "equivalent": ["joint_elasticity"], "probability": 0.3
+    }  # fmt: skip
+    text = sentence(verdict([])._replace(verdict="ambiguous", unexplained=[]), [many])
+    assert "may lack backlash (or joint elasticity)" in text
+    assert "at a, b, c, d and others, but" in text

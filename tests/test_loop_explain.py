@@ -60,6 +60,7 @@ class Diagnosis:
             world = add_cause(world, name, ["all"], value)
         write_world(out / "world.json", world, {}, None)
         gain = {"before": 0.02, "after": 0.01, "promoted": self.promoted}
+        gain = None if self.promoted is None else gain
         text = {"verdict": "named", "sentence": "It is late.", "gain": gain}
         runs.write_json(out / "diagnosis.json", text)
         return text
@@ -168,6 +169,10 @@ def refuses(*_):
         (
             Diagnosis(promoted=False, command_delay=DELAY),
             "what the diagnosis found does not surely predict the held-out motion",
+        ),
+        (
+            Diagnosis(promoted=None, command_delay=DELAY),
+            "a robot fell at the start of the held-out motion",
         ),
         (Diagnosis(torque_limit=0.3), "theta0 falls in 20 of 20 walks"),
     ],

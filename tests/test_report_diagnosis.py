@@ -201,6 +201,7 @@ def described(verdict, columns, names):
             "separates": ["coulomb_friction", "stiction"],
             "why": "At walking pace both look alike; only creeping shows the peak.",
             "separation": 8.31,
+            "command": "gatjax collect --motion slow_reversals --out slow.parquet",
         },
         "smallest_effects": [
             {"cause": cause, "where": [names[-1]], "value": value, "unit": unit,
@@ -377,7 +378,7 @@ def test_runner_up_is_told_why_it_lost(pages):
 
 def test_shares_are_of_what_tolerances_leave(pages):
     text = Text(pages["named"]).all
-    assert "It is 3 % of the power that tolerances leave." in text
+    assert "it is 3 % of the power that tolerances alone leave." in text
     assert "share of the power left after tolerances that is more than" in text
     assert "nominal residual's power" not in text
 
@@ -390,6 +391,17 @@ def test_page_lives_without_a_key(tmp_path, key):
     text = Text(edited(tmp_path, **{key: None}))
     assert text.wrong == [] and text.titles[0] == "This diagnosis is not complete"
     assert "signals.parquet is missing" in text.all
+
+
+def test_page_tells_why_there_is_no_gain(tmp_path):
+    held = edited(tmp_path, gain=None, files={"fit": ["a"], "held_out": ["b"]})
+    assert "falls at the start" in Text(held).all
+    assert "No held-out logs" in Text(edited(tmp_path, gain=None, files={})).all
+
+
+def test_page_has_the_command_of_the_next_motion(tmp_path):
+    advice = {"motion": "chirp", "command": "gatjax collect --motion chirp --out c"}
+    assert advice["command"] in Text(edited(tmp_path, next_experiment=advice)).all
 
 
 def test_barest_folder_and_broken_ones(tmp_path):

@@ -75,7 +75,7 @@ class Collect:
     body_seed: int = 0
     """Which robot of the series, for dart and stiff."""
     rate_hz: float = 50.0
-    """Rows per second: 50, 100 or 83.3."""
+    """Rows per second: 50, 100 or 83.3; any for a motion of the simulator."""
     seed: int = 0
 
 
@@ -88,7 +88,7 @@ class Diagnose:
 
     takes a robot file whose joints are driven by position servos, and logs of commands
     and positions (docs/files.md). It prints the verdict and writes found/report.html,
-    diagnosis.json, world.json (a better simulation for every verb) and extended.xml.
+    diagnosis.json, world.json (a better simulation, for --world) and extended.xml.
     Good logs are lively: gatjax collect --motion rich records one.
     """
 
@@ -97,7 +97,8 @@ class Diagnose:
     data: tuple[Path, ...]
     """Recordings to explain, .parquet or .csv; several after one --data."""
     held_out: tuple[Path, ...] = ()
-    """Recordings of another motion, to measure the gain on; without any, none is."""
+    """Recordings of another motion: the gain is measured on them, and causes that do
+    not predict them are doubted."""
     out: Path
     """Folder to write; a diagnosis in it is replaced."""
     map: Path | None = None
@@ -116,7 +117,7 @@ class Ground:
     simulator_log: Path
     """Recording of the simulator, same policy (gatjax collect --robot simulator)."""
     out: Path
-    """Folder to write; its world.json is a simulation for every verb."""
+    """Folder to write; its world.json is a simulation, for --world."""
     method: Literal["envelope", "guided", "gat"] = "gat"
     policy: Path | None = None
     """Policy of the recordings, for choosing alpha; theta0 if left out."""
@@ -210,8 +211,9 @@ class BenchDiagnose:
     gatjax bench diagnose --cases 40 --seed 7 --out blind
 
     makes 40 cases, runs gatjax diagnose on each as from outside, and prints how often
-    cause and joint are right, with 95 % intervals. Ctrl-C keeps what is done; the same
-    command goes on. blind/ gets scores.md, scores.json, confusion.png, detection.png.
+    cause and joint are right, with 95 % intervals. Ctrl-C keeps what is diagnosed; the
+    same command goes on. blind/ gets scores.md, scores.json, confusion.png and
+    detection.png.
     """
 
     out: Path

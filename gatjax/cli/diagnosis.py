@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gatjax.cli.arguments import Diagnose
-from gatjax.cli.found import fallback_lines, gain_lines, named_lines
+from gatjax.cli.found import fallback_lines, gain_lines, named_lines, next_lines
 from gatjax.cli.progress import shown
 from gatjax.data import checks, sampling
 from gatjax.data.mapping import ColumnMap, read_map
@@ -24,6 +24,7 @@ from gatjax.robot import model as robot_model
 from gatjax.runs import write_json
 from gatjax.sim.limbs import floats
 
+WRITTEN = ("extended.xml", "signals.parquet")  # that could be taken for an input
 SAME_RATE = 1.05  # longest over shortest median period of the files
 
 
@@ -46,7 +47,7 @@ def read_logs(verb: Diagnose) -> Logs:
         raise ValueError("--data names no file; give at least one recording")
     model = robot_model.load(verb.model)
     check_model(model, verb.model)
-    _check_twice(verb.data)
+    _check_files(verb)
     joints = robot_model.joint_names(model)
     ranges = {
         joint: (float(low), float(high)) if limited else (-np.inf, np.inf)
@@ -98,13 +99,19 @@ def _checked(
     return logs, found
 
 
-def _check_twice(paths: Sequence[Path]) -> None:
-    """Refuse a file that is named twice: it would count double."""
-    seen: set[Path] = set()
-    for path in paths:
-        if path.resolve() in seen:
-            raise ValueError(f"{path}: is named twice after --data; name it once")
-        seen.add(path.resolve())
+def _check_files(verb: Diagnose) -> None:
+    """Refuse a file that would count double, or that this diagnosis writes."""
+    for flag, paths in (("--data", verb.data), ("--held-out", verb.held_out)):
+        seen: set[Path] = set()
+        for path in paths:
+            if path.resolve() in seen:
+                raise ValueError(f"{path}: is named twice after {flag}; name it once")
+            seen.add(path.resolve())
+    for path in (verb.model, *verb.data, *verb.held_out):
+        if path.parent.resolve() == verb.out.resolve() and path.name in WRITTEN:
+            raise ValueError(
+                f"{path}: --out {verb.out} would write over it; choose another folder"
+            )
 
 
 def _check_rates(logs: Sequence[Recording]) -> None:
@@ -141,10 +148,11 @@ def said(found: dict[str, Any], out: Path, report: Path) -> list[str]:
     return [
         found["sentence"],
         *named_lines(found["causes"]),
-        *gain_lines(found["gain"]),
+        *gain_lines(found["gain"], bool(found["files"]["held_out"])),
         *fallback_lines(found["fallback"], out),
+        *next_lines(found["next_experiment"]),
         f"report     {report}",
         f"numbers    {out / 'diagnosis.json'}",
-        f"simulation {out / 'world.json'}: give it to any verb as --world",
+        f"simulation {out / 'world.json'}: use it as --world, as docs/files.md says",
         f"model      {out / 'extended.xml'}: what plain MJCF can say of it",
     ]

@@ -38,8 +38,10 @@ def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
     ]
 
 
-def gain_lines(gain: Mapping[str, Any] | None) -> list[str]:
-    """What the extended simulation gains on held-out logs."""
+def gain_lines(gain: Mapping[str, Any] | None, held: bool) -> list[str]:
+    """What the extended simulation gains on held-out logs, if there are any."""
+    if gain is None and held:
+        return ["gain       not measured: a robot falls at the start of the held-out"]
     if gain is None:
         return ["gain       not measured: give logs of another motion as --held-out"]
     before, after = gain["before"], gain["after"]
@@ -68,8 +70,8 @@ def fallback_lines(offer: Mapping[str, Any] | None, out: Path) -> list[str]:
     if offer is None:
         return []
     if offer["world"] is None:
-        return ["fallback   none: a learned correction predicts other logs no better"]
-    place = f"{out / offer['world']}: give it to any verb as --world"
+        return ["fallback   none: a learned correction predicts unseen rows no better"]
+    place = f"{out / offer['world']}: use it as --world"
     if "after" not in offer:
         return [f"fallback   a learned correction on top; {place}"]
     before, after = offer["before"], offer["after"]
@@ -78,6 +80,16 @@ def fallback_lines(offer: Mapping[str, Any] | None, out: Path) -> list[str]:
         f"{_degrees(after)} deg rms (95 % interval of the gain: {offer['low']:.0%} to "
         f"{offer['high']:.0%})",
         f"           {place}",
+    ]
+
+
+def next_lines(advice: Mapping[str, Any] | None) -> list[str]:
+    """The motion that would settle more, and how to get it."""
+    if advice is None:
+        return []
+    return [
+        f"next       {advice['why']}",
+        f"           its targets: {advice['command']}",
     ]
 
 

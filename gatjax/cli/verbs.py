@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tempfile
 from functools import singledispatch
 from pathlib import Path
@@ -17,20 +18,26 @@ from gatjax.cli import logs
 from gatjax.cli.progress import shown
 from gatjax.cli.resume import open_search, resumed
 from gatjax.data.mapping import read_map
-from gatjax.data.recording import Recording, read_recording, write_recording
+from gatjax.data.recording import (
+    Recording,
+    check_ending,
+    read_recording,
+    write_recording,
+)
 from gatjax.data.trajectories import to_recording
 from gatjax.grounding import learn as grounders
 from gatjax.loop.play import Play, Player, record_motion
 from gatjax.loop.setting import EVALUATION, ROBOT_LOG, SIMULATOR_LOG, Progress, seeds
 from gatjax.report import build_report
 from gatjax.report.page import build_walk_page
+from gatjax.robot.model import check_walker
 from gatjax.search import checked
 from gatjax.settings import LoopSettings, SearchSettings
 from gatjax.sim.backend import use_compile_cache
 from gatjax.sim.poses import states, write_walk
 from gatjax.sim.world import World, nominal, read_world
 from gatjax.surrogate import make_robot
-from gatjax.task import Task, task_at
+from gatjax.task import RATES, Task, task_at
 from gatjax.walk.parameters import THETA0
 
 
@@ -59,6 +66,15 @@ def robot_of(name: str, body_seed: int, world: Path | None, task: Task) -> Any:
     return make_robot(name, body_seed)
 
 
+def playing_at(rate_hz: float, robot: str) -> Task:
+    """Return the task of playing motions: a simulation does it at any rate."""
+    if robot != "simulator" or rate_hz in RATES:
+        return task_at(rate_hz)
+    if not 10.0 <= rate_hz <= 1000.0:
+        raise ValueError(f"--rate-hz is {rate_hz:g}; motions take 10 to 1000 Hz")
+    return Task(control_period=1.0 / rate_hz)
+
+
 def policy_of(path: Path | None) -> np.ndarray:
     """Read a policy, theta0 without a path."""
     return THETA0 if path is None else runs.read_policy(path)
@@ -77,6 +93,8 @@ def make_folder(path: Path) -> None:
     if path.exists() and not path.is_dir():
         raise ValueError(f"{path}: is a file, --out needs a folder here")
     path.mkdir(parents=True, exist_ok=True)
+    if not os.access(path, os.W_OK):
+        raise ValueError(f"{path}: no permission to write there; choose another folder")
 
 
 @act.register
@@ -121,8 +139,10 @@ def collect(verb: verbs.Collect) -> None:
     if extra is not None:
         kind = "goes with --motion" if walks else "is for walks, not for --motion"
         raise ValueError(f"--{extra} {kind}; leave it out")
+    check_ending(verb.out)
     asked = None if verb.motion is None else motions.motion(verb.motion)
-    robot = robot_of(verb.robot, verb.body_seed, verb.world, task_at(verb.rate_hz))
+    task = task_at(verb.rate_hz) if walks else playing_at(verb.rate_hz, verb.robot)
+    robot = robot_of(verb.robot, verb.body_seed, verb.world, task)
     purpose = SIMULATOR_LOG if verb.robot == "simulator" else ROBOT_LOG
     drawn = seeds(purpose, verb.seed, runs_asked)
     if asked is None:
@@ -183,6 +203,7 @@ def ground(verb: verbs.Ground) -> None:
     """Learn a grounding and write it with its world file."""
     task = task_at(verb.rate_hz)
     world = ungrounded(verb.world, task)
+    check_walker(world.model, str(world.source))
     mapping = None if verb.map is None else read_map(verb.map)
     theta, key = policy_of(verb.policy), jax.random.key(verb.seed)
     robot = logs.checked(read_recording(verb.robot_log, mapping), world, least=4)
@@ -212,7 +233,7 @@ def ground(verb: verbs.Ground) -> None:
     loop.write_grounded(verb.out, world, grounding, made_by)
     print(logs.table(rows))
     print(f"learned by {verb.method}: {logs.about(grounding.facts)}")
-    print(f"{verb.out / 'world.json'}: give it to any verb as --world")
+    print(f"{verb.out / 'world.json'}: --world of collect, search, evaluate, view")
 
 
 def ungrounded(path: Path | None, task: Task) -> World:
@@ -243,6 +264,7 @@ def search(verb: verbs.Search) -> None:
         LoopSettings(backend=verb.backend, impl=verb.impl, search=settings)
     )
     world = world_of(verb.world, task_at(verb.rate_hz))
+    check_walker(world.model, str(world.source))
     key, theta = jax.random.key(verb.seed), policy_of(verb.policy)
     make_folder(verb.out)
     open_search(verb, settings, theta)

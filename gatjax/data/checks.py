@@ -24,6 +24,7 @@ Role: TypeAlias = Literal["fit", "held-out"]
 GRAVEST = ("refuse", "warning", "info")
 COPIED = 50  # rows in a row that two recordings cannot share by chance
 MOVED = 0.01  # rad that a joint must move in them
+SHARED = 0.25  # share of a trajectory's motion: simulated ones may begin alike
 
 
 def findings(recording: Recording, ranges: Ranges, role: Role) -> list[Finding]:
@@ -102,7 +103,8 @@ def same_data(fit: Sequence[Recording], held: Sequence[Recording]) -> str | None
     """Finds measured rows that fit and held-out files share, whatever their names.
 
     Compared are the positions of 50 rows in a row, to 0.1 mrad and without their time;
-    not those at rest, in which two recordings can be equal by chance.
+    not those at rest, in which two recordings can be equal by chance. Motions without
+    noise may begin alike, so it takes a quarter of a trajectory's motion.
 
     Returns:
         One line that says where, or None if no rows are shared.
@@ -136,10 +138,13 @@ def _shared_rows(
         for part in (ids[:split].ravel(), ids[split:].ravel())
     ]
     known = {window.tobytes() for window in windows[0]}
-    found = [
-        row
-        for row, window in enumerate(windows[1])
-        if window.tobytes() in known
-        and np.ptp(table[1][row : row + length], axis=0).max() > MOVED
-    ]
-    return (found[0], found[-1] + length - 1) if found else None
+    copied = np.array([window.tobytes() in known for window in windows[1]])
+    pieces = np.lib.stride_tricks.sliding_window_view(table[1], length, axis=0)
+    moving = (pieces.max(-1) - pieces.min(-1)).max(-1) > MOVED
+    begins = there.trajectory[: len(moving)]
+    for trajectory in np.unique(begins):
+        own = moving & (begins == trajectory)
+        found = np.flatnonzero(copied & own)
+        if len(found) and len(found) > SHARED * own.sum():
+            return int(found[0]), int(found[-1]) + length - 1
+    return None

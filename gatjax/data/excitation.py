@@ -99,8 +99,8 @@ def check_columns(recording: Recording, moves: Mapping[str, Moves]) -> list[Find
         if max(move.command, move.position) < LEAST_RANGE
     }
     if held and len(held) < len(moves):
-        text = f"{recording.name}: no verdict on joints that hardly move (range in rad)"
-        text += f": {listed(held)}"
+        text = f"{recording.name}: joints that hardly move show only what their load "
+        text += f"does to them (range in rad): {listed(held)}"
         found.append(Finding("info", "held still", text, held))
     return found
 
@@ -192,8 +192,10 @@ def check_excitation(
         if not move.excited and max(move.command, move.position) >= LEAST_RANGE
     }
     if poor:
-        text = f"{recording.name}: too little motion for a verdict on some joints (rad "
-        text += f"moved): {listed(poor)}; {limit}"
+        text = (
+            f"{recording.name}: too little motion to show most faults of some joints "
+        )
+        text += f"(rad moved): {listed(poor)}; {limit}"
         found.append(Finding("warning", "excitation", text, poor))
     return found
 

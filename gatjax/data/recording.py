@@ -106,7 +106,7 @@ def write_recording(path: str | Path, recording: Recording) -> None:
         }
     )
     buffer = io.BytesIO()
-    if _ending(path) == ".parquet":
+    if check_ending(path) == ".parquet":
         text = {key: str(value) for key, value in metadata.items()}
         parquet.write_table(table.replace_schema_metadata(text), buffer)
         write_whole({path: buffer.getvalue()})
@@ -228,7 +228,7 @@ def _cell(file: str, row: int | np.integer, column: str) -> str:
     return f"{file}: row {row + 1}, column {column!r}"
 
 
-def _ending(path: Path) -> str:
+def check_ending(path: Path) -> str:
     """The file's ending, if it is one that recordings have."""
     if path.suffix not in (".parquet", ".csv"):
         raise ValueError(f"{path}: a recording ends in .parquet or .csv")
@@ -237,7 +237,7 @@ def _ending(path: Path) -> str:
 
 def _read_table(path: Path) -> tuple[pa.Table, dict[str, Any]]:
     """The file as it is, and its metadata."""
-    ending = _ending(path)
+    ending = check_ending(path)
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file{_neighbours(path.parent)}")
     if path.stat().st_size == 0:
@@ -250,7 +250,7 @@ def _read_table(path: Path) -> tuple[pa.Table, dict[str, Any]]:
         else:
             table = csv.read_csv(path)
             metadata = _json_beside(path)
-    except pa.ArrowException as error:
+    except (pa.ArrowException, UnicodeDecodeError) as error:
         line = str(error).splitlines()[0]
         raise ValueError(f"{path}: not a readable {ending} file: {line}") from error
     if table.num_rows == 0:

@@ -7,14 +7,22 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from gatjax.data.finding import DEGREES, Finding, Ranges, angle, cell
+from gatjax.data.mapping import UNITS
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import GAP, RATE_TOLERANCE, JointRun
 
 SLOWEST, FASTEST = 1.0, 1e-4  # s, no log of a servo has periods outside of these
 SLOW = 0.05  # s, the longest period that delays and reversals can be seen with
 COARSE = 0.01  # rad, half a degree: coarser steps hide most effects
+LONGEST = 900.0  # s of a trajectory
 LASTING, ROWS = 1.0, 30  # s and rows of the shortest trajectory
 CALM = 16  # samples that noise is measured over at a time
+LEAST_USUAL = 2e-4  # s, a usual period is between this and SLOW
+LONG = 0.1  # s of a gap in which commands may have been sent that matter
+WIDEST = 1.0  # s of a gap
+MOST_LOST = 0.5  # share of the rows that may follow gaps
+RECOVERY = 0.5  # s after a long gap until readings tell of the logged commands again
+SAME = 1e-6  # rad by which commands may differ that are the same
 OUTSIDE = 0.2  # of the joint's range: further outside it is a unit, not a slip
 
 
@@ -39,8 +47,9 @@ def lasting(recording: Recording) -> tuple[Recording, list[Finding]]:
         columns={name: column[kept] for name, column in recording.columns.items()},
     )  # fmt: skip
     text = f"{recording.name}: {np.sum(~good)} of {len(good)} trajectories left out, "
+    text += f"none of which {need}; rows below are counted without them"
     values = {"left_out": float(np.sum(~good))}
-    return some, [Finding("warning", "length", text + f"none of which {need}", values)]
+    return some, [Finding("warning", "length", text, values)]
 
 
 def check_rate(recording: Recording, runs: Sequence[JointRun]) -> list[Finding]:
@@ -54,9 +63,20 @@ def check_rate(recording: Recording, runs: Sequence[JointRun]) -> list[Finding]:
     values = {"period": period, "jitter": jitter}
     head = f"{recording.name}: column 'time': a row every"
     if not FASTEST <= period <= SLOWEST:
-        like = "milliseconds" if period > SLOWEST else "something else than seconds"
-        text = f"{head} {period:.3g} s looks like {like}; use a map with time: {{unit:"
-        return [Finding("refuse", "rate", f"{text} ms}}", values)]
+        unit = _likely_unit(period)
+        advice = "write it in seconds"
+        if unit is not None:
+            advice = f"looks like {unit}; use a map with time: {{unit: {unit}}}"
+        text = f"{head} {period:.3g} s; no log of a servo is like that: {advice}"
+        return [Finding("refuse", "rate", text, values)]
+    longest = max(runs, key=lambda run: run.time[-1] - run.time[0])
+    if longest.time[-1] - longest.time[0] > LONGEST:
+        text = (
+            f"{recording.name}: trajectory {longest.trajectory} lasts "
+            f"{longest.time[-1] - longest.time[0]:.0f} s; a diagnosis takes "
+            f"{LONGEST:g} s at most and learns little from more, cut it at rests"
+        )
+        return [Finding("refuse", "rate", text, values)]
     text = f"{head} {1e3 * period:.4g} ms ({1.0 / period:.4g} Hz), jitter "
     text += f"{1e3 * jitter:.2g} ms"
     stated = recording.metadata.get("rate_hz")
@@ -67,6 +87,18 @@ def check_rate(recording: Recording, runs: Sequence[JointRun]) -> list[Finding]:
         text += f"; the metadata says {float(stated):.4g} Hz, mend one of the two"
         return [Finding("warning", "rate", text, values)]
     return [Finding("info", "rate", text, values)]
+
+
+def _likely_unit(period: float) -> str | None:
+    """The unit of time that makes a usual period of a number, if there is one."""
+    return next(
+        (
+            unit
+            for unit, factor in UNITS["time"].items()
+            if LEAST_USUAL <= factor * period <= SLOW
+        ),
+        None,
+    )
 
 
 def check_gaps(recording: Recording, runs: Sequence[JointRun]) -> list[Finding]:
@@ -86,14 +118,39 @@ def check_gaps(recording: Recording, runs: Sequence[JointRun]) -> list[Finding]:
     run, row, step = wide[0]
     rows = np.flatnonzero(recording.trajectory == run.trajectory)
     longest = max(each[2] for each in wide)
+    lost = [after_gaps(run.time, run.command) for run in runs]
+    share = float(np.concatenate(lost).mean())
     text = (
         f"{cell(recording, rows[row + 1], 'time')}: {step:.3g} s after the row "
-        f"before; {len(wide)} such gaps, the longest of {longest / period:.1f} "
-        f"periods; commands sent meanwhile are unknown, give the rows after it a new "
-        f"trajectory"
+        f"before; {len(wide)} such gaps, the longest of {longest / period:.1f} periods"
     )
-    values = {"gaps": float(len(wide)), "longest": longest}
+    values = {"gaps": float(len(wide)), "longest": longest, "lost": share}
+    if longest > WIDEST or share > MOST_LOST:
+        text += (
+            f"; commands sent meanwhile are unknown: log without gaps, or give the "
+            f"rows after each rest a trajectory number of their own ({share:.0%} of "
+            f"the rows come within {RECOVERY:g} s after a gap of {LONG:g} s or more, "
+            f"{WIDEST:g} s is the longest that is taken)"
+        )
+        return [Finding("refuse", "gaps", text, values)]
+    if share > 0.0:
+        text += (
+            f"; commands sent meanwhile are unknown, readings until {RECOVERY:g} s "
+            f"after the long ones do not count ({share:.0%} of the rows)"
+        )
     return [Finding("warning", "gaps", text, values)]
+
+
+def after_gaps(time: np.ndarray, command: np.ndarray) -> np.ndarray:
+    """Rows [N] bool soon after a gap that was long enough for unseen commands.
+
+    A gap in which the command [N, J] rad stayed as it was is none.
+    """
+    steps = np.diff(time, prepend=time[0])
+    long = steps >= max(LONG, (1.0 + GAP) * float(np.median(steps[1:])))
+    changed = np.abs(np.diff(command, axis=0, prepend=command[:1])).max(1) > SAME
+    last = np.where(long & changed, time, -np.inf)
+    return time - np.maximum.accumulate(last) < RECOVERY
 
 
 def check_resolution(
@@ -128,8 +185,9 @@ def check_units(recording: Recording, ranges: Ranges) -> list[Finding]:
         if out.size > OUTSIDE * values.size and fits:
             text = (
                 f"{cell(recording, out[0], column)}: {values[out[0]]:.3g} rad with "
-                f"joint limits {low:.3g} and {high:.3g} rad looks like degrees; use a "
-                f"map with unit: deg"
+                f"joint limits {low:.3g} and {high:.3g} rad looks like degrees: use a "
+                f"map with unit: deg; else mend the limits of the model, or the sign "
+                f"or offset in the map"
             )
             largest = float(np.max(np.abs(values)))
             found.append(Finding("refuse", "units", text, {joint: largest}))

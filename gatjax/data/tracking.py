@@ -111,7 +111,7 @@ def _same_commands(one: JointRun, other: JointRun) -> bool:
     if count < 0.95 * max(len(one.time), len(other.time)):
         return False
     apart = np.sqrt(np.mean(np.square(one.command[:count] - other.command[:count])))
-    moved = np.std(one.command[:count])
+    moved = np.sqrt(np.mean(np.var(one.command[:count], axis=0)))
     return bool(moved > 0.0 and apart < REPEATED * moved)
 
 

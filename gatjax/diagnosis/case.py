@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -203,20 +202,25 @@ def _healthy(
     starts: list[np.ndarray] | None = None,
 ) -> list[Fit]:  # fmt: skip
     """Fits of the tolerances alone, joints in parallel."""
-    done = itertools.count(1)
 
     def one(joint: Joint) -> Fit:
-        fit = search.healthy(joint, starts[joint.index] if starts else None)
-        tell("tolerances", next(done) / len(ready))
-        return fit
+        return search.healthy(joint, starts[joint.index] if starts else None)
 
-    return mapped(one, ready)
+    return mapped(one, ready, lambda share: tell("tolerances", share))
 
 
-def mapped(function: Callable, items: Iterable) -> list:
-    """Apply a function to items on all cores, in order."""
+def mapped(
+    function: Callable,
+    items: Collection,
+    tell: Callable[[float], None] = lambda _: None,
+) -> list:
+    """Apply a function to items on all cores, in order; tell the share that is done."""
+    results = []
     with ThreadPoolExecutor(THREADS) as pool:
-        return list(pool.map(function, items))
+        for result in pool.map(function, items):
+            results.append(result)
+            tell(len(results) / len(items))
+    return results
 
 
 def along(case: Case, known: list[Joint], fits: list[Fit]) -> Case:

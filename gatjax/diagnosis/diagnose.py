@@ -7,10 +7,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 import pyarrow as pa
 from pyarrow import parquet
 
+import gatjax
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import JointRun, to_arrays
 from gatjax.diagnosis import (
@@ -27,12 +29,12 @@ from gatjax.diagnosis.floor import channels, standing
 from gatjax.diagnosis.floor.judge import StandingJudge
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.measure import Errors
+from gatjax.diagnosis.suitable import check_replay
 from gatjax.diagnosis.tolerances import USUAL, Tolerances
 from gatjax.diagnosis.unseen import borne_out
 from gatjax.diagnosis.verdict import Verdict, conclude
 from gatjax.grounding.network import Network
 from gatjax.robot import model as robot_model
-from gatjax.runs import write_json
 from gatjax.sim import world as worlds
 from gatjax.sim.limbs import floats
 from gatjax.sim.world import World
@@ -60,75 +62,99 @@ def diagnose(
     source: str, fit: list[Recording], unfit: list[Recording], out: Path, seed: int,
     tell: Tell, allowed: Tolerances = USUAL,
 ) -> dict[str, Any]:  # fmt: skip
-    """Show, name, extend and measure; write the folder.
+    """Show, name, extend and measure; write all of the folder but diagnosis.json.
+
+    Nothing is written before everything is known but learned/, and an old
+    diagnosis.json goes first: a folder that has one is whole.
 
     Args:
         source: model file (MJCF), or "nao".
         fit: recordings to explain.
         unfit: recordings that nothing is fitted to: they measure the gain, and causes
             that do not predict them are doubted; may be empty.
-        out: folder for diagnosis.json, signals.parquet, world.json, extended.xml, and
-            learned/ where a joint is not explained.
+        out: folder for signals.parquet, world.json, extended.xml, and learned/ where a
+            joint is not explained.
         seed: of everything that is drawn.
         tell: is called with a stage and the share of it that is done.
         allowed: how far the numbers of the model may be off.
 
     Returns:
-        What diagnosis.json says.
+        What diagnosis.json is to say, without `data_checks`.
+
+    Raises:
+        ValueError: one line: the model or the logs cannot carry a diagnosis.
     """
     began = time.monotonic()
     model = robot_model.load(source)
     joints = robot_model.joint_names(model)
     logs, unseen = cut(fit, joints), cut(unfit, joints)
     period = control_period(logs)
-    if floats(model):
-        felt = [run for recording in fit for run in channels.cut(recording)]
-        base = standing.prepare(model, logs, felt, period, tell, seed, allowed)
-        logs = base.runs
-        judge = StandingJudge(prepare(base, logs, tell), base, tell)
-    else:
-        judge = Judge(prepare(held(model, logs, seed, allowed), logs, tell), tell)
-    verdict = conclude(judge)
-    case = verdict.judge.case
-    tell("extend", 0.0)
     nominal = worlds.nominal(Task(control_period=period), source, extend.TIMESTEP)
-    world, predicted = _extended(verdict, source, period, logs, unseen)
+    pairs = {"nominal": _predicted(nominal, logs, unseen)}
+    if not floats(model):
+        played = [*pairs["nominal"][0], *pairs["nominal"][1]]
+        check_replay(source, [*fit, *unfit], [*logs, *unseen], played)
+    verdict = conclude(_judge(model, fit, logs, period, seed, tell, allowed))
+    tell("extend", 0.0)
+    world, pairs["extended"] = _extended(verdict, source, period, logs, unseen)
     out.mkdir(parents=True, exist_ok=True)
     tell("measure", 0.0)
-    pairs = {"nominal": _predicted(nominal, logs, unseen), "extended": predicted}
     if unseen and not floats(model):
         series = {name: each[1] for name, each in pairs.items()}
         errors = measure.log_errors(unseen, series)
         verdict = borne_out(verdict, errors["nominal"], errors["extended"], seed)
-    rows = [result.cause_row(verdict, cause, seed) for cause in verdict.causes]
+    case = verdict.judge.case
     gain = _gain(nominal, world, logs, unseen, pairs, case, seed) if unfit else None
+    tell("measure", 0.4)
+    advice = experiment.propose(verdict, source, period, seed, out / "world.json")
+    tell("measure", 0.6)
+    (out / "diagnosis.json").unlink(missing_ok=True)
     fallback.withdraw(out)
     lacks = verdict.verdict == "unknown" and not floats(model)
     learned = fallback.offer(out, world, logs, unseen, seed) if lacks else None
-    _write_signals(out / "signals.parquet", joints, logs, unseen, pairs, verdict)
-    made_by = {"verb": "diagnose", "seed": seed}
-    worlds.write_world(out / "world.json", world, made_by, None)
-    text = {
-        "schema": result.SCHEMA,
-        "verdict": verdict.verdict,
-        "sentence": result.sentence(verdict, rows),
-        "causes": rows,
-        "unexplained": result.unexplained(verdict),
+    tell("measure", 0.9)
+    text = result.told(verdict, seed) | {
         "gain": gain,
         "fallback": learned,
         "robot": fit[0].metadata.get("robot", model.names.split(b"\0")[0].decode()),
         "files": {"fit": [r.name for r in fit], "held_out": [r.name for r in unfit]},
-        "joints": result.joint_rows(verdict),
-        "calibration": result.calibration_rows(verdict),
-        "candidates": result.candidates(verdict),
         "not_expressible": mjcf.lacking(world),
         "smallest_effects": sensitivity.smallest(verdict.judge),
-        "next_experiment": experiment.propose(verdict, source, period, seed),
+        "next_experiment": advice,
+        "made_by": made_by(source, seed, allowed),
         "seconds": round(time.monotonic() - began, 1),
     }
-    write_json(out / "diagnosis.json", text)
+    _write_signals(out / "signals.parquet", joints, logs, unseen, pairs, verdict)
+    worlds.write_world(
+        out / "world.json", world, {"verb": "diagnose", "seed": seed}, None
+    )
     mjcf.write_model(out / "extended.xml", world)
     return text
+
+
+def _judge(
+    model: mujoco.MjModel, fit: list[Recording], logs: list[JointRun], period: float,
+    seed: int, tell: Tell, allowed: Tolerances,
+) -> Judge:  # fmt: skip
+    """The judge of a case, tolerances fitted."""
+    if not floats(model):
+        return Judge(prepare(held(model, logs, seed, allowed), logs, tell), tell)
+    felt = [run for recording in fit for run in channels.cut(recording)]
+    base = standing.prepare(model, logs, felt, period, tell, seed, allowed)
+    return StandingJudge(prepare(base, base.runs, tell), base, tell)
+
+
+def made_by(source: str, seed: int, allowed: Tolerances) -> dict[str, Any]:
+    """What a diagnosis was made with, as in diagnosis.json."""
+    changed = {
+        name: share
+        for name, share in allowed._asdict().items()
+        if share != getattr(USUAL, name)
+    }
+    return {
+        "gatjax": gatjax.__version__, "model": source, "seed": seed,
+        "tolerances": changed or "usual",
+    }  # fmt: skip
 
 
 def _extended(

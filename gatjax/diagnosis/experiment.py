@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from gatjax.sim.world import World, stacked
 from gatjax.task import Task
 
 SECONDS = 14.0  # s, of every motion that is compared
+LEAST = 1.0  # noise units: less separates nothing
 SETTLE = 1.0  # s at the first target
 
 
@@ -46,7 +48,7 @@ def leading(verdict: Verdict) -> list[Claim]:
 
 
 def propose(
-    verdict: Verdict, source: str | Path, period: float, seed: int
+    verdict: Verdict, source: str | Path, period: float, seed: int, world: Path
 ) -> dict[str, Any] | None:
     """Choose from the menu the motion that tells the two leading explanations apart.
 
@@ -59,6 +61,10 @@ def propose(
         source: model file.
         period: control period, s.
         seed: of the motions.
+        world: world.json of the diagnosis, for the command that plays the motion.
+
+    Returns:
+        `next_experiment` of diagnosis.json; None where nothing is left to separate.
     """
     claims = leading(verdict)
     if not claims:
@@ -71,18 +77,27 @@ def propose(
     moving = np.zeros(len(limbs.names), bool)
     moving[sorted({k for claim in claims for k in claim.where})] = True
     moving |= any(claim.stance is not None for claim in claims)
+    lasts = {name: min(SECONDS, motion.seconds) for name, motion in MENU.items()}
     targets = {
-        motion.name: motion.build(
-            limbs, moving, 1.0 / period, seed, seconds=min(SECONDS, motion.seconds)
-        )
-        for motion in MENU.values()
+        name: MENU[name].build(limbs, moving, 1.0 / period, seed, seconds=seconds)
+        for name, seconds in lasts.items()
     }
     apart = _separations(named, list(targets.values()), verdict)
     separation, chosen = max(zip(apart, targets, strict=True))
+    if separation < LEAST:
+        return None
+    joints = [n for n, m in zip(limbs.names, moving, strict=True) if m]
+    words = [
+        *("gatjax", "collect", "--motion", chosen, "--seconds", f"{lasts[chosen]:g}"),
+        *(() if moving.all() else ("--joints", ",".join(joints))),
+        *("--robot", "simulator", "--world", str(world), "--trajectories", "1"),
+        *("--rate-hz", f"{1.0 / period:.6g}", "--out", f"{chosen}.parquet"),
+    ]
     return {
         "motion": chosen,
         "separates": names[:2],
-        "joints": [n for n, m in zip(limbs.names, moving, strict=True) if m],
+        "joints": joints,
+        "command": shlex.join(words),
         "separation": round(separation, 2),
         "why": (
             f"{MENU[chosen].title}: the predictions of {names[0]} and {names[1]} "

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from gatjax.data import stops
+from gatjax.data import sampling, stops
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import laws, plant
 from gatjax.diagnosis import loads as weights
@@ -47,7 +47,7 @@ class Joint(NamedTuple):
     lead: int
     time: np.ndarray  # [R, N] s
     measured: np.ndarray  # [R, N] rad
-    valid: np.ndarray  # [R, N] what counts: no padding, and no stop of the joint
+    valid: np.ndarray  # [R, N] what counts: no padding, stop or gap
     noise: float  # rad, standard deviation of a reading
     allowed: Tolerances = USUAL
     link: Link = Link(1.0, np.zeros(3), np.eye(3)[0])
@@ -143,19 +143,23 @@ def supply_load(
     return total
 
 
-def noise_of(run: JointRun) -> np.ndarray:
-    """Standard deviation of the readings of each joint [J], rad.
+def noise_of(runs: list[JointRun]) -> np.ndarray:
+    """Standard deviation of the readings of each joint [J], rad; the mean over runs.
 
     Third differences of the calmest third of a run; a coarse encoder counts with its
-    rounding error, LSB / sqrt(12).
+    rounding error, LSB / sqrt(12), also in a run in which the joint stands still.
     """
-    third = np.diff(run.angle, 3, axis=0) / np.sqrt(20.0)
-    count = len(third) // 20
-    calm = third[: count * 20].reshape(count, 20, -1)
-    level = np.sqrt(np.quantile(np.square(calm).mean(1), 0.3, axis=0))
-    seen = [np.diff(np.unique(np.round(angle, 9))) for angle in run.angle.T]
-    lsb = np.array([steps.min() if len(steps) else 0.0 for steps in seen])
-    return np.maximum(level, np.maximum(lsb / np.sqrt(12.0), 1e-5))
+    levels, steps = [], []
+    for run in runs:
+        third = np.diff(run.angle, 3, axis=0) / np.sqrt(20.0)
+        count = len(third) // 20
+        calm = third[: count * 20].reshape(count, 20, -1)
+        levels.append(np.sqrt(np.quantile(np.square(calm).mean(1), 0.3, axis=0)))
+        seen = [np.diff(np.unique(np.round(angle, 9))) for angle in run.angle.T]
+        steps.append([apart.min() if len(apart) else np.inf for apart in seen])
+    lsb = np.min(steps, axis=0)
+    least = np.where(np.isfinite(lsb), lsb, 0.0) / np.sqrt(12.0)
+    return np.mean(np.maximum(levels, np.maximum(least, 1e-5)), axis=0)
 
 
 def build(
@@ -174,7 +178,7 @@ def build(
     ends = np.array([run.time[-1] - run.time[0] for run in runs])
     few = moved[0].time[:: weights.COARSE]
     clock = np.broadcast_to(time[:, None], (len(time), len(runs)))
-    noise = np.mean([noise_of(run) for run in runs], axis=0)
+    noise = noise_of(runs)
     targets = [motions.cells(run.time - run.time[0], run.command, time) for run in runs]
     added = weights.shapes(loads)
     supply = supply_load(model, tree, moved, loads)
@@ -232,11 +236,12 @@ def build(
 
 
 def _free(model: mujoco.MjModel, run: JointRun, index: int) -> np.ndarray:
-    """Readings [N] of a joint that are free of its stops."""
+    """Readings [N] of a joint that are free of its stops and of gaps."""
     joint = model.actuator_trnid[index, 0]
-    if not model.jnt_limited[joint]:
-        return np.ones(len(run.time), bool)
-    return ~stops.hindered(run, index, *model.jnt_range[joint])
+    free = ~sampling.after_gaps(run.time, run.command)
+    if model.jnt_limited[joint]:
+        free &= ~stops.hindered(run, index, *model.jnt_range[joint])
+    return free
 
 
 def _padded(values: np.ndarray, rows: int) -> np.ndarray:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 
 from gatjax.diagnosis import case as cases
@@ -82,14 +80,8 @@ class Judge(Known):
     def claims(self) -> list[Claim]:
         """All claims worth a look, best first."""
         missing = [k for k in range(len(self.joints)) if k not in self.found]
-        done = itertools.count(1)
-
-        def one(index: int) -> list[Fit]:
-            fit = self.explained(index)
-            self.tell("causes", next(done) / len(missing))
-            return fit
-
-        self.found |= dict(zip(missing, mapped(one, missing), strict=True))
+        fits = mapped(self.explained, missing, lambda share: self.tell("causes", share))
+        self.found |= dict(zip(missing, fits, strict=True))
         lost = self._lost(missing)
         solved = {k for claim in lost for k in claim.fits}
         for rate in cases.PULLS:

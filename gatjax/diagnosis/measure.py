@@ -31,6 +31,7 @@ HORIZONS = (0.5, 0.1, 0.0)  # s ahead of a measured state; 0: one step
 STRIDE = 0.1  # s between two windows
 WARM = 0.12  # s of a window that only fills the effects' memories
 BACK = 6  # samples of the parabola that gives the velocity at a window's start
+APART = 10_000  # blocks between two runs' numbers
 BLOCK = 1.0  # s that the bootstrap draws together
 DRAWS = 400
 PIECE = 2.0  # s of a piece of the fit data, for the learned model's early stopping
@@ -120,7 +121,7 @@ def windows(runs: list[JointRun], period: float) -> Windows | None:
             past = slice(first + warm - BACK, first + warm)
             time = run.time[past] - run.time[first + warm - 1]
             slope = np.polyfit(time, run.angle[past], 2)[1]
-            block = number * 1000 + int(run.time[first] / BLOCK)
+            block = number * APART + int(run.time[first] / BLOCK)
             rows.append((run.command[part], run.angle[part], slope, block))
     if not rows:
         return None
@@ -208,7 +209,7 @@ def log_errors(
     """Errors of several predictions at the rows of whole logs that all of them have."""
     blocks = np.concatenate(
         [
-            number * 1000 + ((run.time - run.time[0]) / BLOCK).astype(int)
+            number * APART + ((run.time - run.time[0]) / BLOCK).astype(int)
             for number, run in enumerate(runs)
         ]
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -11,6 +12,8 @@ from gatjax.effects.catalogue import CATALOGUE
 from gatjax.robot import model as robot_model
 from gatjax.sim import causes, derived
 from gatjax.sim.world import World
+
+DELAY = "command_delay"
 
 
 def write_model(path: Path, world: World) -> None:
@@ -27,6 +30,7 @@ def write_model(path: Path, world: World) -> None:
     changed = mujoco.MjModel.__copy__(model)
     derived.settle(changed, fields)
     _write_servos(spec, changed)
+    _write_delays(spec, world)
     if "body_ipos" in fields:
         _write_bodies(spec, changed)
     _write_geoms(spec, model, changed)
@@ -38,16 +42,46 @@ def write_model(path: Path, world: World) -> None:
         compiler = spec.compiler
         compiler.meshdir = str(file.parent / compiler.meshdir)
         compiler.texturedir = str(file.parent / compiler.texturedir)
-    path.write_text(spec.to_xml(), encoding="utf-8")
+    head, _, rest = spec.to_xml().partition("\n")
+    path.write_text(f"{head}\n{_remarks(world)}{rest}", encoding="utf-8")
 
 
 def lacking(world: World) -> list[str]:
     """Causes of a world that plain MJCF cannot express, in words."""
-    return [
-        f"{row['cause']} at {', '.join(row['where'])}: {_told(row['values'])}"
-        for row in world.causes
-        if any(part.slot != "body" for part in CATALOGUE[row["cause"]].parts)
-    ]
+    return [_told(row) for row in world.causes if not _expressible(row)]
+
+
+def _expressible(row: dict[str, Any]) -> bool:
+    """Whether plain MJCF has a term for a cause of a world."""
+    parts = CATALOGUE[row["cause"]].parts
+    return row["cause"] == DELAY or all(part.slot == "body" for part in parts)
+
+
+def _remarks(world: World) -> str:
+    """What the file says of itself, as comments."""
+    there = [row for row in world.causes if _expressible(row)]
+    lines = ["made by gatjax diagnose; the whole simulation is in world.json"]
+    lines += [f"has {row.get('role', 'cause')} {_told(row)}" for row in there]
+    lines += [f"lacks {text}" for text in lacking(world)]
+    if any(row["cause"] == DELAY for row in there):
+        lines.append(
+            "delays are of MuJoCo C, in whole steps, and MJX refuses them; call "
+            "mj_initCtrlHistory with the first command after each reset"
+        )
+    return "".join(f"  <!-- {line.replace('--', '-')} -->\n" for line in lines)
+
+
+def _write_delays(spec: mujoco.MjSpec, world: World) -> None:
+    """Write how late commands are; MuJoCo C has no delay below a step."""
+    step = spec.option.timestep
+    for servo in spec.actuators:
+        delay = sum(
+            row["values"]["delay"]
+            for row in world.causes
+            if row["cause"] == DELAY and {servo.target, "all"} & set(row["where"])
+        )
+        if delay > 0.5 * step:
+            servo.delay, servo.nsample = delay, int(np.ceil(delay / step)) + 1
 
 
 def _write_servos(spec: mujoco.MjSpec, changed: mujoco.MjModel) -> None:
@@ -114,6 +148,7 @@ def _move(geom: mujoco.MjsGeom, changed: mujoco.MjModel) -> None:
     geom.alt.type, geom.fromto[:] = mujoco.mjtOrientation.mjORIENTATION_QUAT, np.nan
 
 
-def _told(values: dict[str, float]) -> str:
-    """Values of a cause in words."""
-    return ", ".join(f"{name} {value:.3g}" for name, value in values.items())
+def _told(row: dict[str, Any]) -> str:
+    """A cause of a world in words."""
+    values = ", ".join(f"{name} {value:.3g}" for name, value in row["values"].items())
+    return f"{row['cause']} at {', '.join(row['where'])}: {values}"

@@ -58,6 +58,21 @@ def interval(verdict: Verdict, claim: Claim, seed: int) -> dict[str, dict[str, A
     return out
 
 
+def told(verdict: Verdict, seed: int) -> dict[str, Any]:
+    """What diagnosis.json says of a verdict; `seed` is of the intervals."""
+    rows = [cause_row(verdict, cause, seed) for cause in verdict.causes]
+    return {
+        "schema": SCHEMA,
+        "verdict": verdict.verdict,
+        "sentence": sentence(verdict, rows),
+        "causes": rows,
+        "unexplained": unexplained(verdict),
+        "joints": joint_rows(verdict),
+        "calibration": calibration_rows(verdict),
+        "candidates": candidates(verdict),
+    }
+
+
 def cause_row(verdict: Verdict, cause: Cause, seed: int) -> dict[str, Any]:
     """One entry of `causes`."""
     return {
@@ -182,7 +197,9 @@ def sentence(verdict: Verdict, rows: list[dict[str, Any]]) -> str:
         doubt = "the logs leave a doubt"
         if doubtful:
             doubt = f"the held-out logs do not bear out {doubtful}"
-        return f"The simulation most likely lacks {both}, but {doubt}."
+        likely = all(row["probability"] > 0.5 for row in rows)
+        lacks = "most likely lacks" if likely else "may lack"
+        return f"The simulation {lacks} {both}, but {doubt}."
     parts = [f"the simulation lacks {sure}"] if sure else []
     if doubtful:
         parts.append(f"{doubtful} would fit, but does not predict the held-out logs")
@@ -218,9 +235,10 @@ def unexplained(verdict: Verdict) -> dict[str, Any]:
 def _phrase(row: dict[str, Any]) -> str:
     """A cause in words: name, size, place, alternatives."""
     name, value = next(iter(row["parameters"].items()))
-    where = ", ".join(row["where"])
+    where = ", ".join(row["where"][:4]) + (" and others" if row["where"][4:] else "")
     where = "all joints" if where == "all" else where
     unit = "" if value["unit"] == "1" else f" {value['unit']}"
-    other = f" (or {' or '.join(row['equivalent'])})" if row["equivalent"] else ""
+    alike = " or ".join(row["equivalent"]).replace("_", " ")
+    other = f" (or {alike})" if alike else ""
     words = row["cause"].replace("_", " ")
     return f"{words}{other} of {value['value']:.3g}{unit} ({name}) at {where}"

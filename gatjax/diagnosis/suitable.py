@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
+from gatjax.data.recording import Recording
+from gatjax.data.trajectories import JointRun
 from gatjax.robot import model as robot_model
 from gatjax.sim.episode import ties
 from gatjax.sim.limbs import floats
+
+LOST = 100.0  # rad, no servo joint turns that far
+MOVING = 0.05  # rad of a command that a joint has to follow
 
 
 def check_model(model: mujoco.MjModel, path: Path) -> None:
@@ -68,6 +73,37 @@ def _check_servos(model: mujoco.MjModel, path: Path) -> None:
         if wrong.any():
             name = model.actuator(int(np.flatnonzero(wrong)[0])).name
             raise ValueError(f"{path}: actuator {name!r} {text}")
+
+
+def check_replay(
+    source: str, recordings: Sequence[Recording], runs: Sequence[JointRun],
+    predicted: Sequence[np.ndarray],
+) -> None:  # fmt: skip
+    """Refuse a model that falls apart on the commands of the logs.
+
+    Args:
+        source: of the model, for the message.
+        recordings: in the order of the runs.
+        runs: all their trajectories.
+        predicted: open-loop angles [N, J] rad of the model at the rows of each run.
+
+    Raises:
+        ValueError: one line with file, trajectory and time.
+    """
+    names = [r.name for r in recordings for _ in np.unique(r.trajectory)]
+    for name, run, angle in zip(names, runs, predicted, strict=True):
+        lost = np.asarray(~np.all(np.abs(angle) < LOST, axis=1))
+        still = np.all(angle == angle[-1], axis=1)  # physics that gave up repeat a row
+        begin = len(still) - int(np.argmin(still[::-1])) if not still.all() else 0
+        if np.ptp(run.command[begin:], axis=0).max(initial=0.0) > MOVING:
+            lost[begin:] = True
+        if lost.any():
+            seconds = run.time[int(np.argmax(lost))] - run.time[0]
+            raise ValueError(
+                f"{source}: its simulation falls apart {seconds:.2f} s into trajectory "
+                f"{run.trajectory} of {name}; look for inertias or an armature that "
+                f"are too small for kp and kv, and for links that start inside others"
+            )
 
 
 def cautions(model: mujoco.MjModel) -> Iterator[str]:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from gatjax.diagnosis import measure
 from gatjax.diagnosis.case import Case
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, numbers
@@ -72,7 +73,7 @@ def _series(
             + (drive["kv"] + drive["damping"]) * found.velocity[:, 0]
             + drive["kp"] * found.position[:, 0]
         )
-        block.append(number * 1000 + time.astype(int))
+        block.append(number * measure.APART + time.astype(int))
         columns.append(_features(case, joint, number, time))
     features = [
         same[0]._replace(series=np.concatenate([f.series for f in same]))

@@ -115,6 +115,11 @@ def extended(setting: Setting) -> World:
             "the diagnosis changes nothing: GAT after it would be GAT alone"
         )
     gain = read_json(folder / "diagnosis.json")["gain"]
+    if gain is None:
+        raise ValueError(
+            "a robot fell at the start of the held-out motion, in the log or in a "
+            "simulation of it: no gain could be measured"
+        )
     if not gain["promoted"]:
         raise ValueError(
             f"what the diagnosis found does not surely predict the held-out motion "

@@ -19,6 +19,7 @@ from gatjax.records import (
     Sensed,
     Trajectory,
 )
+from gatjax.robot.model import check_walker
 from gatjax.sim.backend import prepare
 from gatjax.sim.limbs import limbs_of, put_down
 from gatjax.sim.replay import replay_many
@@ -52,6 +53,7 @@ class Simulator:
         """Walk policies [N, 15] with seeds [N]."""
         if task is not None and task != self.world.task:
             raise ValueError("this simulator was prepared for another task")
+        check_walker(self.world.model, str(self.world.source))
         keys = jax.vmap(jax.random.key)(np.asarray(list(seeds)))
         return self._backend.rollout(self.world.values, policies, keys)
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from gatjax.records import JOINTS
 from gatjax.robot.nao import MODEL_FILE
 
 
@@ -59,6 +60,23 @@ def joint_names(model: mujoco.MjModel) -> tuple[str, ...]:
         name = model.actuator(int(np.flatnonzero(wrong)[0])).name
         raise ValueError(f"actuator {name!r} drives no joint; use joint actuators")
     return tuple(model.joint(int(index)).name for index in ids)
+
+
+def check_walker(model: mujoco.MjModel, name: str) -> None:
+    """Refuse a model that the walk is not made for.
+
+    Args:
+        model: whose joints must be a NAO's, in the order of `records.JOINTS`.
+        name: of the model, for the message.
+
+    Raises:
+        ValueError: one line.
+    """
+    if joint_names(model) != JOINTS:
+        raise ValueError(
+            f"{name}: only a NAO can walk; gatjax collect --motion rich --robot "
+            f"simulator --world records motions of any other robot"
+        )
 
 
 def _sensor(model: mujoco.MjModel, kind: int) -> slice:

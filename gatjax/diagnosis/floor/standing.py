@@ -199,7 +199,7 @@ def scatter(standing: Standing, run: int) -> np.ndarray:
         change = ensemble.rows[run].angle[1:] - ensemble.rows[run].angle[:1]
         parts.append(change - change.mean(1, keepdims=True))
     flat = np.concatenate(parts).reshape(-1, parts[0].shape[-1])
-    noise = np.square(noise_of(standing.runs[run]))
+    noise = np.square(noise_of([standing.runs[run]]))
     return flat.T @ flat / len(flat) + SMOOTHED * np.diag(noise)
 
 

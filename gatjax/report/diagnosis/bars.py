@@ -103,7 +103,9 @@ def gain_of(row: Horizon) -> float:
 
 def ahead(row: Horizon) -> str:
     """A horizon in words."""
-    return f"{row.seconds:g} s" if math.isfinite(row.seconds) else "whole log"
+    if not math.isfinite(row.seconds):
+        return "whole log"
+    return f"{row.seconds:.3g} s"
 
 
 def _horizons(axes: Axes, rows: Sequence[Horizon]) -> None:

@@ -37,7 +37,8 @@ def stroke(colour: str) -> dict[str, Any]:
 
 def overlay(signals: Signals, trace: Trace, rows: np.ndarray) -> str:
     """Command, measured and simulated angle over some rows [M] of one run."""
-    time = signals.time[rows]
+    begin = signals.time[signals.run == signals.run[rows[0]]].min()
+    time = signals.time[rows] - begin
 
     def paint(axes: Axes) -> None:
         sent = np.rad2deg(trace.command[rows])
@@ -47,7 +48,7 @@ def overlay(signals: Signals, trace: Trace, rows: np.ndarray) -> str:
         for colour, angle in ((INK, trace.measured), *models(trace)):
             line = thinned(time, np.rad2deg(angle[rows]))
             axes.plot(*line, color=colour, **stroke(colour))
-        axes.set_xlabel("time, s")
+        axes.set_xlabel("time since the start of the log, s")
         axes.set_ylabel("angle, degrees")
 
     return draw(paint)

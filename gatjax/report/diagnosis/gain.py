@@ -33,7 +33,11 @@ def gain_section(diagnosis: Diagnosis) -> str:
         numbers = (number_in(gain, name) for name in ("before", "after", "low", "high"))
         every = [Horizon(math.inf, "all", *numbers)]
     if not every:
-        return section(HEADING, "<p>No held-out logs were given, so no gain.</p>")
+        held = texts_of(diagnosis.part("files").get("held_out"))
+        words = "No held-out logs were given, so no gain."
+        if held:
+            words = "A robot falls at the start of the held-out logs, so no gain."
+        return section(HEADING, f"<p>{words}</p>")
     shown = [
         picture("Error of all joints", error_picture(every, floor, ceiling)),
         picture("Gain with its 95 % interval", gain_picture(every)),
@@ -73,10 +77,10 @@ def _words(diagnosis: Diagnosis) -> str:
             "fitted to measurably better."
             if gain["promoted"]
             else "The extended model is not promoted: the interval of its gain "
-            "includes zero, so keep the nominal model."
+            "reaches down to zero or below, so keep the nominal model."
         )
     share = number_in(gain, "learned_share")
-    if math.isfinite(share):
+    if math.isfinite(share) and share > 0.0 and diagnosis.verdict != "none":
         words.append(
             f"It explains {percent(share)} of what a learned model takes away on the "
             f"same logs."

@@ -34,7 +34,10 @@ def unexplained(diagnosis: Diagnosis) -> str:
         else "What is left is within noise and tolerances."
     )
     if math.isfinite(share):
-        words += f" It is {percent(share)} of the power that tolerances leave."
+        words += (
+            f" Beyond the noise, it is {percent(share)} of the power that tolerances "
+            f"alone leave."
+        )
     body = f"<p>{escape(words)}</p>"
     rows = [
         (
@@ -57,12 +60,15 @@ def _fallback(offer: dict[str, Any]) -> str:
     """The learned correction that is offered instead of a cause."""
     if not offer:
         return ""
-    words = "A learned correction of the commands (GAT) predicts other logs no better."
+    words = (
+        "A learned correction of the commands (GAT) predicts rows that it has not seen "
+        "no better."
+    )
     if offer.get("world"):
         words = (
             f"Until the cause is known, a learned correction of the commands (GAT, "
             f"alpha {number(number_in(offer, 'alpha'), 1)}) can take its place: give "
-            f"{offer['world']} to any verb as --world."
+            f"{offer['world']} as --world."
         )
     if "after" in offer:
         before, after = (degrees(number_in(offer, k)) for k in ("before", "after"))
@@ -98,8 +104,8 @@ def calibration(diagnosis: Diagnosis) -> str:
         ]
         tolerance = size(number_in(row, "tolerance"), unit)
         cells.append(f"&plusmn; {escape(tolerance)}" if tolerance != DASH else DASH)
-        change = number(100.0 * share, 0, sign=True)
-        cells.append(f"{change} %{signed_bar(share, 'theta0')}")
+        change = f"{number(100.0 * share, 0, sign=True)} %"
+        cells.append(change + signed_bar(share, "theta0") if share == share else DASH)
         lines.append(cells)
     head = ("number", "where", "nominal", "fitted", "tolerance", "tolerance used")
     note = (
@@ -126,9 +132,12 @@ def next_experiment(diagnosis: Diagnosis) -> str:
             f"<p class=note>Expected separation: {significant(apart)} noise units (3 "
             f"are enough to decide).</p>"
         )
-    if motion:
+    command = str(advice.get("command", ""))
+    if command:
         body += (
-            f"<p class=note><code>gatjax collect --motion {escape(motion)}</code></p>"
+            f"<p class=note><code>{escape(command)}</code><br>plays it in the extended "
+            f"simulation. The command columns of its file are the targets to play on "
+            f"the robot; add the log of that to the data and diagnose again.</p>"
         )
     return section("Next experiment", body)
 
