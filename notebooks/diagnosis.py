@@ -88,7 +88,8 @@ plt.show()
 # ## Which law explains it?
 #
 # Every cause of the catalogue is added in turn and fitted beside the tolerances. The
-# gain is in nats of evidence, prices for free numbers paid; the first cause of all needs 3.5, a further one more.
+# gain is in nats of evidence, prices for free numbers paid; the first cause of all
+# needs 3.5, a further one more.
 
 # %%
 claims = Judge(prepared, quiet).claims()

@@ -399,6 +399,18 @@ def test_page_tells_why_there_is_no_gain(tmp_path):
     assert "No held-out logs" in Text(edited(tmp_path, gain=None, files={})).all
 
 
+def test_page_has_inertial_unit_and_feet_of_a_standing_robot(tmp_path):
+    row = {"name": "gyro.x", "unit": "rad/s", "noise": 0.01, "nominal_rms": 0.05,
+           "tolerance_rms": 0.04, "extended_rms": 0.011}  # fmt: skip
+    text = Text(edited(tmp_path, signals=[row]))
+    assert "gyro.x" in text.all and "0.05 rad/s" in text.all and text.wrong == []
+
+
+def test_page_tells_every_joint_at_every_horizon_beside_the_learned_model(pages):
+    text = Text(pages["named"]).all
+    assert "learned model gain 95 % interval" in " ".join(text.split())
+
+
 def test_page_has_the_command_of_the_next_motion(tmp_path):
     advice = {"motion": "chirp", "command": "gatjax collect --motion chirp --out c"}
     assert advice["command"] in Text(edited(tmp_path, next_experiment=advice)).all

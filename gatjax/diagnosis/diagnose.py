@@ -31,6 +31,7 @@ from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.measure import Errors
 from gatjax.diagnosis.suitable import check_replay
 from gatjax.diagnosis.tolerances import USUAL, Tolerances
+from gatjax.diagnosis.unexplained import conditions
 from gatjax.diagnosis.unseen import borne_out
 from gatjax.diagnosis.verdict import Verdict, conclude
 from gatjax.grounding.network import Network
@@ -110,10 +111,11 @@ def diagnose(
     tell("measure", 0.6)
     (out / "diagnosis.json").unlink(missing_ok=True)
     fallback.withdraw(out)
+    beside = [{} for _ in case.runs] if floats(model) else conditions(fit)
     lacks = verdict.verdict == "unknown" and not floats(model)
     learned = fallback.offer(out, world, logs, unseen, seed) if lacks else None
     tell("measure", 0.9)
-    text = result.told(verdict, seed) | {
+    text = result.told(verdict, beside, seed) | {
         "gain": gain,
         "fallback": learned,
         "robot": fit[0].metadata.get("robot", model.names.split(b"\0")[0].decode()),

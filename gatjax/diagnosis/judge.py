@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from gatjax.diagnosis import case as cases
@@ -69,6 +71,10 @@ class Judge(Known):
     def tolerates(self, index: int) -> bool:
         """Whether a joint may leave more than its own tolerances explain."""
         return False
+
+    def signals(self) -> list[dict[str, Any]]:
+        """Misfits of what is logged besides the joints; a fixed base uses none."""
+        return []
 
     def _bearing(self, index: int, claim: Claim) -> Joint:
         """A joint of the case as a claim sees it, not drawn to what was measured."""

@@ -58,16 +58,25 @@ def interval(verdict: Verdict, claim: Claim, seed: int) -> dict[str, dict[str, A
     return out
 
 
-def told(verdict: Verdict, seed: int) -> dict[str, Any]:
-    """What diagnosis.json says of a verdict; `seed` is of the intervals."""
+def told(
+    verdict: Verdict, beside: list[dict[str, np.ndarray]], seed: int
+) -> dict[str, Any]:
+    """What diagnosis.json says of a verdict.
+
+    Args:
+        verdict: of the diagnosis.
+        beside: `unexplained.conditions` of the recordings that were explained.
+        seed: of the intervals.
+    """
     rows = [cause_row(verdict, cause, seed) for cause in verdict.causes]
     return {
         "schema": SCHEMA,
         "verdict": verdict.verdict,
         "sentence": sentence(verdict, rows),
         "causes": rows,
-        "unexplained": unexplained(verdict),
+        "unexplained": unexplained(verdict, beside),
         "joints": joint_rows(verdict),
+        "signals": verdict.judge.signals(),
         "calibration": calibration_rows(verdict),
         "candidates": candidates(verdict),
     }
@@ -210,7 +219,9 @@ def sentence(verdict: Verdict, rows: list[dict[str, Any]]) -> str:
     return f"{whole[0].upper()}{whole[1:]}."
 
 
-def unexplained(verdict: Verdict) -> dict[str, Any]:
+def unexplained(
+    verdict: Verdict, beside: list[dict[str, np.ndarray]]
+) -> dict[str, Any]:
     """What no cause explains: how much, where, and what it may be."""
     judge = verdict.judge
     names = [judge.joints[k].name for k in verdict.unexplained]
@@ -224,7 +235,7 @@ def unexplained(verdict: Verdict) -> dict[str, Any]:
             verdict.unexplained,
             key=lambda k: judge.known[k].rms() / judge.joints[k].noise,
         )
-        found = explore(judge.case, judge.joints[index], judge.known[index])
+        found = explore(judge.case, judge.joints[index], judge.known[index], beside)
     if verdict.law is not None:
         values = extend.parameters(verdict.judge, verdict.law)
         told = ", ".join(f"{name} {value:.3g}" for name, value in values.items())

@@ -8,10 +8,12 @@ Efroymson 1960) that stops when unseen seconds no longer gain.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from gatjax.data.recording import Recording
 from gatjax.diagnosis import measure
 from gatjax.diagnosis.case import Case
 from gatjax.diagnosis.fit import Fit
@@ -22,6 +24,7 @@ from gatjax.diagnosis.motion import smoothed
 MOST = 3  # parts of a term
 WORTHWHILE = 0.05  # share of the torque's power that another part must add
 SHOWN = 5  # variables in the result
+CONDITIONS = ("temperature", "voltage")  # columns of a recording
 FREQUENCIES = np.geomspace(0.1, 6.0, 60)  # Hz
 
 
@@ -33,9 +36,37 @@ class Feature(NamedTuple):
     series: np.ndarray  # [n]
 
 
-def explore(case: Case, joint: Joint, fit: Fit) -> dict[str, Any]:
-    """Variables with their shares, and a term, for the misfit of a joint."""
-    torque, block, features = _series(case, joint, fit)
+def conditions(recordings: Sequence[Recording]) -> list[dict[str, np.ndarray]]:
+    """Temperatures and voltage, less their mean, where all recordings have them.
+
+    Returns:
+        Column name -> [N], one dict for each trajectory, as `to_arrays` orders them.
+    """
+    shared = set.intersection(*(set(each.columns) for each in recordings))
+    names = [
+        c for c in sorted(shared) if c.partition(".")[0] in CONDITIONS
+        and all(np.isfinite(each.columns[c]).all() for each in recordings)
+    ]  # fmt: skip
+    mean = {c: np.mean([r.columns[c].mean() for r in recordings]) for c in names}
+    return [
+        {c: each.columns[c][each.trajectory == run] - mean[c] for c in names}
+        for each in recordings
+        for run in np.unique(each.trajectory)
+    ]
+
+
+def explore(
+    case: Case, joint: Joint, fit: Fit, beside: list[dict[str, np.ndarray]]
+) -> dict[str, Any]:
+    """Variables with their shares, and a term, for the misfit of a joint.
+
+    Args:
+        case: that the joint is of.
+        joint: with a misfit.
+        fit: that leaves it.
+        beside: `conditions` of the recordings.
+    """
+    torque, block, features = _series(case, joint, fit, beside)
     groups: dict[str, list[Feature]] = {}
     for feature in features:
         groups.setdefault(feature.variable, []).append(feature)
@@ -54,7 +85,7 @@ def explore(case: Case, joint: Joint, fit: Fit) -> dict[str, Any]:
 
 
 def _series(
-    case: Case, joint: Joint, fit: Fit
+    case: Case, joint: Joint, fit: Fit, beside: list[dict[str, np.ndarray]]
 ) -> tuple[np.ndarray, np.ndarray, list[Feature]]:
     """Misfit torque [n], its second [n], and the features of all runs together."""
     drive = joint.nominal | numbers(joint, None, fit.x[:COUNT])
@@ -75,6 +106,8 @@ def _series(
         )
         block.append(number * measure.APART + time.astype(int))
         columns.append(_features(case, joint, number, time))
+        moving = np.interp(time, motion.time, motion.velocity[:, joint.index])
+        columns[-1] += _under(beside[number], joint.name, moving)
     features = [
         same[0]._replace(series=np.concatenate([f.series for f in same]))
         for same in zip(*columns, strict=True)
@@ -115,6 +148,21 @@ def _features(case: Case, joint: Joint, run: int, time: np.ndarray) -> list[Feat
                 Feature(f"joint {name}", f"q({name})", at(motion.position[:, k])),
                 Feature(f"joint {name}", f"v({name})", at(motion.velocity[:, k])),
                 Feature(f"joint {name}", f"load({name})", at(load.rest[:, k])),
+            ]
+    return out
+
+
+def _under(
+    conditions: dict[str, np.ndarray], joint: str, velocity: np.ndarray
+) -> list[Feature]:
+    """What the torque of a joint may owe to its temperature, or to the voltage."""
+    out = []
+    for name, series in conditions.items():
+        if name.partition(".")[2] in ("", joint):
+            out += [
+                Feature(name, name, series),
+                Feature(name, f"{name} v", series * velocity),
+                Feature(name, f"{name} sgn v", series * np.tanh(velocity / 0.05)),
             ]
     return out
 

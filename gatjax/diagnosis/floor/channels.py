@@ -10,7 +10,7 @@ from gatjax.diagnosis.floor.played import Rows
 
 Channels = dict[str, np.ndarray]
 """Channel name -> [N] at the stamps of a run, SI; see `gatjax.data.mapping`."""
-FAMILIES = ("gyro", "accelerometer", "orientation", "force")
+UNITS = {"gyro": "rad/s", "accelerometer": "m/s^2", "orientation": "rad", "force": "N"}
 TILT = ("orientation.roll", "orientation.pitch")
 
 
@@ -19,7 +19,7 @@ def cut(recording: Recording) -> list[Channels]:
 
     The order is that of `gatjax.data.trajectories.to_arrays`.
     """
-    names = [c for c in recording.columns if c.partition(".")[0] in FAMILIES]
+    names = [c for c in recording.columns if c.partition(".")[0] in UNITS]
     return [
         {name: recording.columns[name][recording.trajectory == run] for name in names}
         for run in np.unique(recording.trajectory)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from gatjax.diagnosis.case import Case, along, mapped
 from gatjax.diagnosis.claims import LATER, PLACE, PRICE, Claim, Stance
 from gatjax.diagnosis.drops import ODDS, held
 from gatjax.diagnosis.fit import Fit
-from gatjax.diagnosis.floor import claims
+from gatjax.diagnosis.floor import channels, claims
 from gatjax.diagnosis.floor.claims import FloorClaim
 from gatjax.diagnosis.floor.observed import Weighed, gained, weighed_rest
 from gatjax.diagnosis.floor.standing import Standing
@@ -53,6 +54,7 @@ class StandingJudge(Judge):
         super().__init__(case, tell)
         self.standing = standing
         self.scene = claims.scene(standing)
+        self.nominal = self.scene.known
         self.outcomes: dict[tuple, Weighed] = {}
 
     def claims(self) -> list[Claim]:
@@ -153,6 +155,26 @@ class StandingJudge(Judge):
         if claim.stance is not None:
             return claim.stance.visibility
         return claims.visibility(self.scene, self._outcome(claim))
+
+    def signals(self) -> list[dict[str, Any]]:
+        """Misfits of inertial unit and feet, means over CORRELATED seconds.
+
+        Returns:
+            `signals` of diagnosis.json: rows that end with the RMS of what is left,
+            by the nominal robot, within tolerances, and with the cause.
+        """
+        seen, before, after = self.scene.seen, self.nominal, self.scene.known
+        rows = []
+        for k in range(len(self.joints), len(seen.names)):
+            noise = float(seen.noise[k])
+            rows.append(
+                {"name": seen.names[k], "noise": noise,
+                 "unit": channels.UNITS[seen.names[k].partition(".")[0]],
+                 "nominal_rms": float(np.sqrt(np.mean(np.square(before.rest[k])))),
+                 "tolerance_rms": noise * float(before.level[k]),
+                 "extended_rms": noise * float(after.level[k])}
+            )  # fmt: skip
+        return rows
 
     def tolerates(self, index: int) -> bool:
         """Whether the whole robot within its tolerances may move a joint like that."""

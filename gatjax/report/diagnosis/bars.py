@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 
 from gatjax.report.diagnosis.figures import EXTENDED, NOMINAL
-from gatjax.report.diagnosis.read import Horizon, Joint
+from gatjax.report.diagnosis.read import Horizon, Joint, number_in
 from gatjax.report.ink import COLOURS, INK, draw
 
 CEILING = COLOURS["guided"]
@@ -37,6 +38,25 @@ def location_picture(joints: Sequence[Joint]) -> str:
         axes.set_xlabel("residual on the fit logs (rms), degrees")
 
     return draw(paint, height=0.9 + 0.28 * len(joints))
+
+
+def signal_picture(rows: Sequence[dict[str, Any]]) -> str:
+    """Residual of inertial unit and feet in units of their noise."""
+
+    def paint(axes: Axes) -> None:
+        for place, row in enumerate(rows):
+            nominal, rest, after = (
+                number_in(row, f"{name}_rms") / number_in(row, "noise")
+                for name in ("nominal", "tolerance", "extended")
+            )
+            axes.barh(place, nominal, height=0.62, color=NOMINAL, alpha=0.28, lw=0)
+            axes.barh(place, rest, height=0.62, color=NOMINAL, lw=0)
+            axes.plot(after, place, "o", color=EXTENDED, markersize=6)
+        axes.axvline(1.0, color=INK, linewidth=1.5)
+        _named_rows(axes, [str(row.get("name", "")) for row in rows])
+        axes.set_xlabel("residual on the fit logs (rms), times the noise")
+
+    return draw(paint, height=0.9 + 0.28 * len(rows))
 
 
 def error_picture(rows: Sequence[Horizon], floor: float, ceiling: float) -> str:

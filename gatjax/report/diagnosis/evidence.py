@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from gatjax.report.diagnosis.bars import location_picture
+from gatjax.report.diagnosis.bars import location_picture, signal_picture
 from gatjax.report.diagnosis.frame import bar, folded, gallery, key, picture
 from gatjax.report.diagnosis.quantities import degrees, interval, portion, size, title
 from gatjax.report.diagnosis.read import Diagnosis, Joint, number_in
@@ -114,7 +114,30 @@ def location(diagnosis: Diagnosis) -> str:
     )
     shape = picture("Residual by joint", location_picture(shown))
     body = gallery([shape, f"<div>{rows}</div>"])
-    return section(heading, f"{keys}{body}<p class=note>{note}</p>")
+    body = f"{keys}{body}<p class=note>{note}</p>{_signals(diagnosis)}"
+    return section(heading, body)
+
+
+def _signals(diagnosis: Diagnosis) -> str:
+    """Residuals of inertial unit and feet, which only standing robots have."""
+    rows = diagnosis.rows("signals")
+    if not rows:
+        return ""
+    names = ("nominal_rms", "tolerance_rms", "extended_rms", "noise")
+    lines = [
+        (
+            escape(str(row.get("name", ""))),
+            *(
+                escape(size(number_in(row, name), str(row.get("unit"))))
+                for name in names
+            ),
+        )
+        for row in rows
+    ]
+    head_row = ("signal", "nominal", "after tolerances", "extended", "noise")
+    cells = f"<div>{folded(head_row, lines, 12)}</div>"
+    shape = picture("Residual by signal", signal_picture(rows))
+    return gallery([shape, cells])
 
 
 def excess(joint: Joint) -> float:

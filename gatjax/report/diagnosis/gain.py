@@ -48,7 +48,10 @@ def gain_section(diagnosis: Diagnosis) -> str:
     colours += [("ink", "noise floor")] if math.isfinite(floor) else []
     colours += [("guided", "learned model")] if math.isfinite(ceiling) else []
     body += key(*colours) + gallery(shown)
-    return section(HEADING, body + _table(every) + _note(floor, ceiling))
+    own = [row for row in rows if row.joint != "all"]
+    single = f"<details><summary>Every joint</summary>{_table(own)}</details>"
+    body += _table(every) + (single if own else "")
+    return section(HEADING, body + _note(floor, ceiling))
 
 
 def _by_joint(rows: Sequence[Horizon]) -> list[str]:
@@ -116,12 +119,15 @@ def _table(rows: list[Horizon]) -> str:
             ends = f"{low} to {high} %"
         gain = 100.0 * gain_of(row)
         lines += (
-            f"<tr><td>{escape(ahead(row))}</td><td class=n>{degrees(row.before)}</td>"
+            f"<tr><td>{escape(ahead(row))}</td><td>{escape(row.joint)}</td>"
+            f"<td class=n>{degrees(row.before)}</td>"
             f"<td class=n>{degrees(row.after)}</td>"
+            f"<td class=n>{degrees(row.learned)}</td>"
             f"<td class=n>{number(gain, 0)} %</td><td class=n>{ends}</td></tr>"
         )
-    head = "<tr><th>simulated ahead</th><th class=n>before</th><th class=n>after</th>"
-    head += "<th class=n>gain</th><th class=n>95 % interval</th></tr>"
+    head = "<tr><th>simulated ahead</th><th>joint</th><th class=n>before</th>"
+    head += "<th class=n>after</th><th class=n>learned model</th><th class=n>gain</th>"
+    head += "<th class=n>95 % interval</th></tr>"
     return (
         f"<div class=scroll><table><thead>{head}</thead><tbody>{lines}</tbody></table>"
         f"</div>"

@@ -65,6 +65,7 @@ class Horizon(NamedTuple):
     after: float
     low: float  # of 1 - after / before
     high: float
+    learned: float = math.nan  # rad rms of a learned model
 
 
 class Trace(NamedTuple):
@@ -199,7 +200,7 @@ def _horizon(row: Mapping[str, Any]) -> Horizon:
     return Horizon(
         WHOLE_LOG if ahead is None else number_in(row, "horizon_s"),
         str(row.get("joint", "all")),
-        *(number_in(row, key) for key in ("before", "after", "low", "high")),
+        *(number_in(row, key) for key in ("before", "after", "low", "high", "learned")),
     )
 
 
