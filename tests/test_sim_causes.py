@@ -306,3 +306,14 @@ def test_a_cause_does_what_its_equation_says(case, file):
     effect = rms(expected - plain())
     assert effect > 5e-3  # the motion shows it
     assert rms(angles(world) - expected) < max(STEPPED, 0.03 * effect)
+
+
+def test_a_balanced_link_can_lose_its_balance(tmp_path):
+    path = tmp_path / "wheel.xml"
+    path.write_text("""
+<mujoco><worldbody><body><joint name="servo" axis="0 1 0" damping="0.1"/>
+  <geom type="sphere" size="0.05" mass="1"/></body></worldbody>
+<actuator><position joint="servo" kp="20" kv="1"/></actuator></mujoco>""")
+    world = add_cause(world_of(path), "com_shift", ["servo"], {"x": 0.05})
+    sag = angles(world)[-1] - angles(world_of(path))[-1]
+    assert sag == pytest.approx(9.81 * 0.05 / 20.0, rel=0.1)

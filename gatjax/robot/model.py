@@ -42,6 +42,8 @@ def load(path: str | Path = "nao", timestep: float | None = None) -> mujoco.MjMo
         raise FileNotFoundError(f"model file {file} does not exist; give an MJCF file")
     try:
         model = mujoco.MjModel.from_xml_path(str(file))
+        if model.body_simple[1:].any():
+            model = _changeable(file)
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise ValueError(f"{file} is not a valid MJCF model: {reason}") from error
@@ -50,6 +52,18 @@ def load(path: str | Path = "nao", timestep: float | None = None) -> mujoco.MjMo
     model.actuator_forcerange[model.actuator_forcelimited == 0] = -np.inf, np.inf
     model.actuator_forcelimited[:] = 1
     return model
+
+
+def _changeable(file: Path) -> mujoco.MjModel:
+    """Load a model whose balanced bodies may lose their balance later.
+
+    MuJoCo leaves the off-diagonal mass terms of a body out that needs none as it is in
+    the file (`body/simple`), and stops when a cause then shifts its centre of mass.
+    """
+    spec = mujoco.MjSpec.from_file(str(file))
+    for body in spec.bodies[1:]:
+        body.simple = 0
+    return spec.compile()
 
 
 def joint_names(model: mujoco.MjModel) -> tuple[str, ...]:
