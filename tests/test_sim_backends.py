@@ -16,6 +16,7 @@ can by other values in the first of them.
 """
 
 import jax
+import mujoco
 import numpy as np
 import pytest
 
@@ -31,13 +32,19 @@ COUNT = 3
 CAUSES = {
     "command_noise": 0.01, "command_delay": 0.018, "first_order_lag": 0.02,
     "speed_limit": 5.0, "backlash": 0.02, "torque_limit": 5.0, "gain_error": 0.8,
-    "coulomb_friction": 0.1, "viscous_friction": 0.3,
+    "coulomb_friction": 0.1, "viscous_friction": 0.3, "dropped_commands": 0.1,
+    "imu_misalignment": 0.03, "ground_friction": 0.7, "ground_compliance": 0.02,
+    "sole_geometry": 0.001,
 }  # fmt: skip
+WHERE = {"imu": ["imu"], "ground": ["ground"], "foot": ["LFoot"]}
 MIXES = {
     "none": [],
     "command": ["command_noise"],
     "motor": ["command_delay", "first_order_lag", "speed_limit", "backlash"],
     "body": ["torque_limit", "gain_error", "coulomb_friction", "viscous_friction"],
+    "floor": ["imu_misalignment", "ground_compliance", "sole_geometry"],
+    "slip": ["ground_friction"],
+    "loss": ["dropped_commands"],
     "all": list(CAUSES),
 }
 TRACES = []
@@ -57,9 +64,16 @@ def build(strong, scale=1.0):
     """A world with every cause, of which those in `strong` do something."""
     world = add_command(nominal(TASK), "counted", counted(), 0.0)
     world.model.opt.tolerance = 1e-14  # friction that holds is a stiff constraint
+    floor = int(np.flatnonzero(world.model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE)[0])
+    as_it_is = {
+        "ground_friction": world.model.geom_friction[floor, 0],
+        "ground_compliance": world.model.geom_solref[floor, 0],
+    }
     for name, value in CAUSES.items():
-        value = scale * value if name in strong else CATALOGUE[name].neutral
-        world = add_cause(world, name, ["all"], value)
+        neutral = as_it_is.get(name, CATALOGUE[name].neutral)
+        where = WHERE.get(CATALOGUE[name].place, ["all"])
+        value = scale * value if name in strong else float(neutral)
+        world = add_cause(world, name, where, value)
     return world
 
 
@@ -164,11 +178,12 @@ def window(native, values, policies, keys):
 
 @pytest.fixture(scope="module")
 def recorded(native, policies, keys):
-    """Runs without noise on the command: replay leaves noise out.
+    """Runs without chance on the command: replay leaves it out.
 
     And without a gear, whose motor does not rest in the tick of warm-up.
     """
-    names = [name for name in CAUSES if name not in ("command_noise", "backlash")]
+    left_out = ("command_noise", "dropped_commands", "backlash")
+    names = [name for name in CAUSES if name not in left_out]
     values = build(names).values
     return values, *window(native, values, policies, keys)
 
