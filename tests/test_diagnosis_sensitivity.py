@@ -82,6 +82,37 @@ def test_a_cause_of_the_smallest_size_is_just_a_finding(judge):
             assert gain < WORTH + 2.0 or d < 1.1 * SEEN, row
 
 
+def test_the_smallest_stiction_is_a_finding_at_the_speed_that_shows_it_best(
+    judge, monkeypatch
+):
+    stiction = next(h for h in CAUSES if h.cause == "stiction")
+    monkeypatch.setattr(sensitivity, "CAUSES", [stiction])
+    row, one, margins = found(judge)["stiction"], judge.joints[0], []
+    ladders = sensitivity._ladders(one, stiction)
+    speeds = [stiction.values(one, each.own(-1.0))["velocity"] for each in ladders]
+    assert len(set(speeds)) == sensitivity.OTHERS and row["parameter"] == "excess"
+    for ladder in ladders:
+        values = [ladder.value(one, rung) for rung in ladder.rungs]
+        own = ladder.own(float(np.interp(row["value"], values, ladder.rungs)))
+        spoilt = logged(stiction, own)
+        plain = fitted(spoilt, None, [np.zeros(COUNT)])
+        best = fitted(spoilt, stiction, [np.append(plain.x, own)])
+        gain = fits.evidence(spoilt, best) - fits.evidence(spoilt, plain)
+        d = judge.visibility(Claim(stiction, own, (0,), {0: plain}, gain))
+        margins.append(min((gain - 2 * PRICE - PLACE) / WORTH, d / SEEN))
+    assert max(margins) == pytest.approx(1.0, abs=0.3)
+
+
+def test_a_vector_is_looked_for_along_each_axis():
+    shift = next(h for h in CAUSES if h.cause == "com_shift")
+    ladders = sensitivity._ladders(joint(wave), shift)
+    last = [ladder.own(ladder.rungs[-1]) for ladder in ladders]
+    np.testing.assert_allclose(last, shift.high[0] * np.eye(3))
+    ripple = next(h for h in CAUSES if h.cause == "torque_ripple")
+    rates = {each.own(0.0)[2] for each in sensitivity._ladders(joint(wave), ripple)}
+    assert len(rates) == sensitivity.OTHERS
+
+
 def test_more_is_asked_beside_a_named_cause_and_of_a_standing_robot(judge):
     alone = found(judge)
     claim = Claim(FEW[0], np.zeros(1), (5,), {}, 50.0)

@@ -19,6 +19,7 @@ from gatjax.effects.catalogue import CATALOGUE
 
 LEVELS = 8  # sizes that are tried in one direction
 FINEST = 1e-3  # of the largest size, where a cause has two directions
+OTHERS = 3  # settings of a cause's other numbers that are tried
 FAINT = 1e-12  # power that counts as none
 
 
@@ -27,12 +28,13 @@ class Ladder(NamedTuple):
 
     hypothesis: Hypothesis
     rungs: np.ndarray  # [LEVELS]
-    sign: float  # 0: rungs are coordinates; else coordinates are sign exp(rungs)
+    way: np.ndarray  # [own] of the direction
+    base: np.ndarray  # [own] coordinates besides, where their search starts
+    grows: bool  # from nothing: the coordinates go with exp(rung), not with the rung
 
     def own(self, rung: float) -> np.ndarray:
-        """Coordinates of a size, the others where their search starts."""
-        first = self.sign * np.exp(rung) if self.sign else rung
-        return np.array([first, *self.hypothesis.starts[0][1:]])
+        """Coordinates of a size."""
+        return self.base + (np.exp(rung) if self.grows else rung) * self.way
 
     def value(self, joint: Joint, rung: float) -> float:
         """The scored parameter."""
@@ -41,7 +43,7 @@ class Ladder(NamedTuple):
 
 
 def smallest(judge: Judge) -> list[dict[str, Any]]:
-    """Least detectable size of every cause with one number, at its best joint.
+    """Least detectable size of every cause, at the joint and the way it shows best.
 
     A cause of a size is simulated beside all that is known: what tolerances cannot
     imitate of it, to first order, has to be worth a finding. Alone, it has to be
@@ -49,7 +51,8 @@ def smallest(judge: Judge) -> list[dict[str, Any]]:
     """
     if len(judge.accepted) == judge.most:
         return []
-    bank = [h for h in CAUSES if len(h.low) == 1 or h.geared]
+    plain = {h.cause for h in CAUSES if len(h.low) == 1}
+    bank = [h for h in CAUSES if len(h.low) == 1 or h.cause not in plain]
     best: dict[str, tuple[float, dict[str, Any]]] = {}
     for index, joint in enumerate(judge.joints):
         told = _told(judge, index)
@@ -86,18 +89,48 @@ def _size(cause: str, value: float) -> float:
 
 
 def _ladders(joint: Joint, hypothesis: Hypothesis) -> list[Ladder]:
-    """The sizes that are looked for: a factor or a signed number has two directions."""
-    cause = hypothesis.cause
-    low, high = hypothesis.low[0], hypothesis.high[0]
-    plain = Ladder(hypothesis, np.linspace(low, high, LEVELS), 0.0)
-    ends = [plain.value(joint, end) for end in (low, high)]
-    if ends[0] < CATALOGUE[cause].neutral < ends[1]:  # at coordinate 0
+    """The sizes that are looked for, in each direction that a cause has."""
+    low, high = np.array(hypothesis.low), np.array(hypothesis.high)
+    axes = np.flatnonzero(low == -high)  # of either sign: parts of a vector, a wave
+    if len(low) > 1 and len(axes):
         return [
-            Ladder(hypothesis, np.log(end * np.geomspace(FINEST, 1.0, LEVELS)), sign)
-            for end, sign in ((-low, -1.0), (high, 1.0))
-        ]
-    grows = _size(cause, ends[0]) < _size(cause, ends[1])
-    return [plain if grows else plain._replace(rungs=plain.rungs[::-1])]
+            _from_nothing(hypothesis, axis, 1.0, rest)
+            for axis in axes.tolist() for rest in _rests(hypothesis, axes.tolist())
+        ]  # fmt: skip
+    rests = _rests(hypothesis, [0])
+    found = [
+        _along(hypothesis, rest) for rest in rests[: 1 if hypothesis.geared else OTHERS]
+    ]
+    ends = [found[0].value(joint, end) for end in (low[0], high[0])]
+    if ends[0] < CATALOGUE[hypothesis.cause].neutral < ends[1]:  # at coordinate 0
+        return [_from_nothing(hypothesis, 0, sign, rests[0]) for sign in (-1.0, 1.0)]
+    if _size(hypothesis.cause, ends[0]) < _size(hypothesis.cause, ends[1]):
+        return found
+    return [ladder._replace(rungs=ladder.rungs[::-1]) for ladder in found]
+
+
+def _rests(hypothesis: Hypothesis, left_out: list[int]) -> list[np.ndarray]:
+    """Up to OTHERS settings of the other coordinates, from where searches start."""
+    starts = np.array(hypothesis.starts)
+    starts[:, left_out] = 0.0
+    every = np.unique(starts, axis=0)
+    some = np.linspace(0, len(every) - 1, min(len(every), OTHERS)).round().astype(int)
+    return list(every[some])
+
+
+def _along(hypothesis: Hypothesis, rest: np.ndarray) -> Ladder:
+    """The range of the first coordinate."""
+    rungs = np.linspace(hypothesis.low[0], hypothesis.high[0], LEVELS)
+    return Ladder(hypothesis, rungs, np.eye(len(rest))[0], rest, False)
+
+
+def _from_nothing(
+    hypothesis: Hypothesis, axis: int, sign: float, rest: np.ndarray
+) -> Ladder:
+    """One sign of a coordinate that does nothing at 0."""
+    end = hypothesis.high[axis] if sign > 0.0 else -hypothesis.low[axis]
+    rungs = np.log(end * np.geomspace(FINEST, 1.0, LEVELS))
+    return Ladder(hypothesis, rungs, sign * np.eye(len(rest))[axis], rest, True)
 
 
 def _margins(judge: Judge, index: int, ladders: list[Ladder]) -> list[np.ndarray]:
