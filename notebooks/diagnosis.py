@@ -31,7 +31,7 @@ import pyarrow.parquet as parquet
 
 from gatjax.data.recording import read_recording
 from gatjax.diagnosis.case import held, prepare
-from gatjax.diagnosis.diagnose import control_period, cut, diagnose
+from gatjax.diagnosis.diagnose import Logs, control_period, cut, diagnose
 from gatjax.diagnosis.hypotheses import TOLERANCES
 from gatjax.diagnosis.judge import Judge
 from gatjax.report.diagnosis import write_report
@@ -105,7 +105,7 @@ for claim in claims[:5]:
 
 # %%
 out = Path("found")
-found = diagnose(source, fit, unseen, out, 0, quiet)
+found = diagnose(source, Logs(fit, unseen), out, 0, quiet)
 print(found["verdict"], "-", found["sentence"])
 for row in found["causes"]:
     for name, value in row["parameters"].items():
@@ -130,7 +130,7 @@ plt.show()
 # %% [markdown]
 # ## What now?
 #
-# `world.json` is a simulation for every verb, `extended.xml` what plain MJCF can say of
+# `world.json` is a simulation, for `--world`, `extended.xml` what plain MJCF can say of
 # it, and `report.html` the same story with more pictures. If a doubt is left, the next
 # experiment says which motion would settle it.
 

@@ -11,7 +11,7 @@ import pytest
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import joint as joints
-from gatjax.diagnosis.diagnose import diagnose
+from gatjax.diagnosis.diagnose import Logs, diagnose
 from gatjax.diagnosis.floor import (
     claims,
     played,
@@ -245,7 +245,7 @@ def test_a_weak_hip_of_a_standing_robot_is_named(
     run, channels = logged(model, "gain_error", "LHip", {"scale": 0.5})
     log = recorded(run, channels)
     found = diagnose(
-        str(tmp_path / "robot.xml"), [log], [log], tmp_path / "out", 0, silent
+        str(tmp_path / "robot.xml"), Logs([log], [log]), tmp_path / "out", 0, silent
     )
     assert found["verdict"] == "named"
     (cause,) = found["causes"]
@@ -263,7 +263,7 @@ def test_positions_alone_of_a_healthy_robot_are_enough(
     (tmp_path / "robot.xml").write_text(XML)
     log = recorded(logged(model)[0], {})
     found = diagnose(
-        str(tmp_path / "robot.xml"), [log], [], tmp_path / "out", 0, silent
+        str(tmp_path / "robot.xml"), Logs([log], []), tmp_path / "out", 0, silent
     )
     assert (found["verdict"], found["causes"]) == ("none", [])
 

@@ -51,8 +51,8 @@ class Diagnosis:
     def __init__(self, promoted=True, **causes):
         self.causes, self.promoted, self.given = causes, promoted, []
 
-    def __call__(self, source, fit, unfit, out, seed, tell):
-        self.given.append((source, fit, unfit))
+    def __call__(self, source, files, out, seed, tell):
+        self.given.append((source, files.fit, files.held))
         tell("causes", 0.5)
         out.mkdir()
         world = nominal(Task(), source, 0.0005)
@@ -62,6 +62,7 @@ class Diagnosis:
         gain = {"before": 0.02, "after": 0.01, "promoted": self.promoted}
         gain = None if self.promoted is None else gain
         text = {"verdict": "named", "sentence": "It is late.", "gain": gain}
+        text["data_checks"] = list(files.checks)
         runs.write_json(out / "diagnosis.json", text)
         return text
 

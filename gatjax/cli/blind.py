@@ -32,7 +32,8 @@ def measure(verb: BenchDiagnose) -> None:
     write(verb.out, marks)
     print((verb.out / "scores.md").read_text(encoding="utf-8"))
     names = ("scores.md", "scores.json", "confusion.png", "detection.png")
-    print(f"{verb.out}: {', '.join(names)}, diagnoses/<case>/report.html")
+    drawn = [name for name in names if (verb.out / name).exists()]
+    print(f"{verb.out}: {', '.join(drawn)}, diagnoses/<case>/report.html")
 
 
 def _cases(verb: BenchDiagnose) -> list[Case]:

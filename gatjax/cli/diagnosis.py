@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -15,25 +15,16 @@ from gatjax.cli.progress import shown
 from gatjax.data import checks, sampling
 from gatjax.data.mapping import ColumnMap, read_map
 from gatjax.data.recording import Recording, check_recording, read_recording
-from gatjax.diagnosis.diagnose import diagnose
+from gatjax.diagnosis.diagnose import Logs, diagnose
 from gatjax.diagnosis.suitable import cautions, check_model
 from gatjax.diagnosis.tolerances import USUAL, read_tolerances
 from gatjax.loop.staged import staged
 from gatjax.report.diagnosis import write_report
 from gatjax.robot import model as robot_model
-from gatjax.runs import write_json
 from gatjax.sim.limbs import floats
 
 WRITTEN = ("extended.xml", "signals.parquet")  # that could be taken for an input
 SAME_RATE = 1.05  # longest over shortest median period of the files
-
-
-class Logs(NamedTuple):
-    """Recordings that may be diagnosed, and what the checks said of them."""
-
-    fit: list[Recording]
-    held: list[Recording]
-    checks: list[dict[str, str]]  # file, level, check, text
 
 
 def read_logs(verb: Diagnose) -> Logs:
@@ -134,11 +125,7 @@ def explain(verb: Diagnose, logs: Logs) -> None:
             print(f"warning: {row['text']}", file=sys.stderr)
     with shown(1.0) as progress:
         tell = staged(progress)
-        found = diagnose(
-            str(verb.model), logs.fit, logs.held, verb.out, verb.seed, tell, allowed
-        )
-    found = found | {"data_checks": logs.checks}
-    write_json(verb.out / "diagnosis.json", found)
+        found = diagnose(str(verb.model), logs, verb.out, verb.seed, tell, allowed)
     report = write_report(verb.out)
     print("\n".join(said(found, verb.out, report)))
 

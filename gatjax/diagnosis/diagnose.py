@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-import pyarrow as pa
-from pyarrow import parquet
 
 import gatjax
 from gatjax.data.recording import Recording
@@ -24,18 +22,19 @@ from gatjax.diagnosis import (
     result,
     sensitivity,
 )
-from gatjax.diagnosis.case import Case, held, prepare
+from gatjax.diagnosis.case import held, prepare
 from gatjax.diagnosis.floor import channels, standing
 from gatjax.diagnosis.floor.judge import StandingJudge
+from gatjax.diagnosis.gain import Predicted, gained
 from gatjax.diagnosis.judge import Judge
-from gatjax.diagnosis.measure import Errors
+from gatjax.diagnosis.signals import write_signals
 from gatjax.diagnosis.suitable import check_replay
 from gatjax.diagnosis.tolerances import USUAL, Tolerances
 from gatjax.diagnosis.unexplained import conditions
 from gatjax.diagnosis.unseen import borne_out
 from gatjax.diagnosis.verdict import Verdict, conclude
-from gatjax.grounding.network import Network
 from gatjax.robot import model as robot_model
+from gatjax.runs import write_json
 from gatjax.sim import world as worlds
 from gatjax.sim.limbs import floats
 from gatjax.sim.world import World
@@ -59,94 +58,152 @@ def control_period(runs: list[JointRun]) -> float:
     return next((1.0 / r for r in RATES if abs(r * period - 1.0) < 0.02), period)
 
 
-def diagnose(
-    source: str, fit: list[Recording], unfit: list[Recording], out: Path, seed: int,
-    tell: Tell, allowed: Tolerances = USUAL,
-) -> dict[str, Any]:  # fmt: skip
-    """Show, name, extend and measure; write all of the folder but diagnosis.json.
+class Logs(NamedTuple):
+    """Recordings of one robot for its diagnosis.
 
-    Nothing is written before everything is known but learned/, and an old
-    diagnosis.json goes first: a folder that has one is whole.
+    Nothing is fitted to those that are held out: they measure the gain, and causes that
+    do not predict them are doubted. There may be none.
+    """
+
+    fit: list[Recording]
+    held: list[Recording]
+    checks: Sequence[dict[str, str]] = ()  # what `data.checks.summary` says of them
+
+
+class Given(NamedTuple):
+    """What a diagnosis works on."""
+
+    source: str  # model file, or "nao"
+    model: mujoco.MjModel
+    joints: tuple[str, ...]
+    files: Logs
+    logs: list[JointRun]  # to be explained
+    unseen: list[JointRun]  # held out
+    period: float  # s, of control
+    seed: int
+
+    @property
+    def floating(self) -> bool:
+        """Whether the robot stands on the floor."""
+        return floats(self.model)
+
+
+def given(source: str, files: Logs, seed: int) -> Given:
+    """Load the model, and cut recordings into runs of its joints."""
+    model = robot_model.load(source)
+    joints = robot_model.joint_names(model)
+    logs, unseen = cut(files.fit, joints), cut(files.held, joints)
+    period = control_period(logs)
+    return Given(source, model, joints, files, logs, unseen, period, seed)
+
+
+def diagnose(
+    source: str, files: Logs, out: Path, seed: int, tell: Tell,
+    allowed: Tolerances = USUAL,
+) -> dict[str, Any]:  # fmt: skip
+    """Show, name, extend and measure; write the folder.
+
+    Nothing is written before everything is known but learned/; an old diagnosis.json
+    goes first and the new one comes last: a folder that has one is whole.
 
     Args:
         source: model file (MJCF), or "nao".
-        fit: recordings to explain.
-        unfit: recordings that nothing is fitted to: they measure the gain, and causes
-            that do not predict them are doubted; may be empty.
-        out: folder for signals.parquet, world.json, extended.xml, and learned/ where a
-            joint is not explained.
+        files: what the robot did.
+        out: folder for diagnosis.json, signals.parquet, world.json, extended.xml, and
+            learned/ where a joint is not explained.
         seed: of everything that is drawn.
         tell: is called with a stage and the share of it that is done.
         allowed: how far the numbers of the model may be off.
 
     Returns:
-        What diagnosis.json is to say, without `data_checks`.
+        What diagnosis.json says.
 
     Raises:
         ValueError: one line: the model or the logs cannot carry a diagnosis.
     """
     began = time.monotonic()
-    model = robot_model.load(source)
-    joints = robot_model.joint_names(model)
-    logs, unseen = cut(fit, joints), cut(unfit, joints)
-    period = control_period(logs)
-    nominal = worlds.nominal(Task(control_period=period), source, extend.TIMESTEP)
-    pairs = {"nominal": _predicted(nominal, logs, unseen)}
-    if not floats(model):
-        played = [*pairs["nominal"][0], *pairs["nominal"][1]]
-        check_replay(source, [*fit, *unfit], [*logs, *unseen], played)
-    verdict = conclude(_judge(model, fit, logs, period, seed, tell, allowed))
+    data = given(source, files, seed)
+    task = Task(control_period=data.period)
+    made = {"nominal": worlds.nominal(task, source, extend.TIMESTEP)}
+    pairs = {}
+    if not data.floating:
+        pairs["nominal"] = _predicted(made["nominal"], data)
+        for part, runs, angles in zip(
+            files[:2], (data.logs, data.unseen), pairs["nominal"], strict=True
+        ):
+            check_replay(source, part, runs, angles)
+    verdict = conclude(_judge(data, tell, allowed))
     tell("extend", 0.0)
-    world, pairs["extended"] = _extended(verdict, source, period, logs, unseen)
-    out.mkdir(parents=True, exist_ok=True)
-    tell("measure", 0.0)
-    if unseen and not floats(model):
+    if data.floating:  # what it logged upright
+        data = data._replace(logs=verdict.judge.case.runs)
+        pairs["nominal"] = _predicted(made["nominal"], data)
+    made["extended"], pairs["extended"] = _extended(verdict, data)
+    if data.unseen and not data.floating:
         series = {name: each[1] for name, each in pairs.items()}
-        errors = measure.log_errors(unseen, series)
+        errors = measure.log_errors(data.unseen, series)
         verdict = borne_out(verdict, errors["nominal"], errors["extended"], seed)
-    case = verdict.judge.case
-    gain = _gain(nominal, world, logs, unseen, pairs, case, seed) if unfit else None
-    tell("measure", 0.4)
-    advice = experiment.propose(verdict, source, period, seed, out / "world.json")
-    tell("measure", 0.6)
-    (out / "diagnosis.json").unlink(missing_ok=True)
-    fallback.withdraw(out)
-    beside = [{} for _ in case.runs] if floats(model) else conditions(fit)
-    lacks = verdict.verdict == "unknown" and not floats(model)
-    learned = fallback.offer(out, world, logs, unseen, seed) if lacks else None
-    tell("measure", 0.9)
-    text = result.told(verdict, beside, seed) | {
-        "gain": gain,
-        "fallback": learned,
-        "robot": fit[0].metadata.get("robot", model.names.split(b"\0")[0].decode()),
-        "files": {"fit": [r.name for r in fit], "held_out": [r.name for r in unfit]},
-        "not_expressible": mjcf.lacking(world),
-        "smallest_effects": sensitivity.smallest(verdict.judge),
-        "next_experiment": advice,
-        "made_by": made_by(source, seed, allowed),
-        "seconds": round(time.monotonic() - began, 1),
-    }
-    _write_signals(out / "signals.parquet", joints, logs, unseen, pairs, verdict)
-    worlds.write_world(
-        out / "world.json", world, {"verb": "diagnose", "seed": seed}, None
+    text = _told(data, verdict, made, pairs, out, tell)
+    write_signals(
+        out / "signals.parquet", data.joints, data.logs, data.unseen, pairs, verdict
     )
-    mjcf.write_model(out / "extended.xml", world)
+    made_by = {"verb": "diagnose", "seed": seed}
+    worlds.write_world(out / "world.json", made["extended"], made_by, None)
+    mjcf.write_model(out / "extended.xml", made["extended"])
+    text["made_by"] = _made_by(source, seed, allowed)
+    text["seconds"] = round(time.monotonic() - began, 1)
+    text["data_checks"] = list(files.checks)
+    write_json(out / "diagnosis.json", text)
     return text
 
 
-def _judge(
-    model: mujoco.MjModel, fit: list[Recording], logs: list[JointRun], period: float,
-    seed: int, tell: Tell, allowed: Tolerances,
-) -> Judge:  # fmt: skip
+def _judge(data: Given, tell: Tell, allowed: Tolerances) -> Judge:
     """The judge of a case, tolerances fitted."""
-    if not floats(model):
+    model, logs, seed = data.model, data.logs, data.seed
+    if not data.floating:
         return Judge(prepare(held(model, logs, seed, allowed), logs, tell), tell)
-    felt = [run for recording in fit for run in channels.cut(recording)]
-    base = standing.prepare(model, logs, felt, period, tell, seed, allowed)
+    felt = [run for recording in data.files.fit for run in channels.cut(recording)]
+    base = standing.prepare(model, logs, felt, data.period, tell, seed, allowed)
     return StandingJudge(prepare(base, base.runs, tell), base, tell)
 
 
-def made_by(source: str, seed: int, allowed: Tolerances) -> dict[str, Any]:
+def _told(
+    data: Given, verdict: Verdict, made: dict[str, World],
+    pairs: dict[str, Predicted], out: Path, tell: Tell,
+) -> dict[str, Any]:  # fmt: skip
+    """What diagnosis.json says; the folder holds learned/ then, and no old verdict."""
+    tell("measure", 0.0)
+    case, seed = verdict.judge.case, data.seed
+    gain = None
+    if data.unseen:
+        gain = gained(made, pairs, data.logs, data.unseen, case, seed)
+    tell("measure", 0.4)
+    advice = experiment.propose(
+        verdict, data.source, data.period, seed, out / "world.json"
+    )
+    tell("measure", 0.6)
+    beside = [{} for _ in case.runs] if data.floating else conditions(data.files.fit)
+    said = result.told(verdict, beside, seed)
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "diagnosis.json").unlink(missing_ok=True)
+    fallback.withdraw(out)
+    lacks, learned = verdict.verdict == "unknown" and not data.floating, None
+    if lacks:
+        learned = fallback.offer(out, made["extended"], data.logs, data.unseen, seed)
+    tell("measure", 0.9)
+    fit, unfit = ([log.name for log in logs] for logs in data.files[:2])
+    name = data.model.names.split(b"\0")[0].decode()
+    return said | {
+        "gain": gain,
+        "fallback": learned,
+        "robot": data.files.fit[0].metadata.get("robot", name),
+        "files": {"fit": fit, "held_out": unfit},
+        "not_expressible": mjcf.lacking(made["extended"]),
+        "smallest_effects": sensitivity.smallest(verdict.judge),
+        "next_experiment": advice,
+    }
+
+
+def _made_by(source: str, seed: int, allowed: Tolerances) -> dict[str, Any]:
     """What a diagnosis was made with, as in diagnosis.json."""
     changed = {
         name: share
@@ -159,144 +216,23 @@ def made_by(source: str, seed: int, allowed: Tolerances) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _extended(
-    verdict: Verdict, source: str, period: float, logs: list[JointRun],
-    unseen: list[JointRun],
-) -> tuple[World, tuple[list, list]]:  # fmt: skip
+def _extended(verdict: Verdict, data: Given) -> tuple[World, Predicted]:
     """The extended world and its predictions.
 
     The calibration is in it if that predicts the fit logs better.
     """
     tried = []
     for rows in ([], extend.calibration(verdict)):
-        world = extend.extended(verdict, source, period, rows)
-        predicted = _predicted(world, logs, unseen)
-        tried.append((world, predicted))
+        world = extend.extended(verdict, data.source, data.period, rows)
+        tried.append((world, _predicted(world, data)))
     lost = [sum(np.isnan(rows).sum() for rows in each[0]) for _, each in tried]
     pair = {str(k): each[0] for k, (_, each) in enumerate(tried)}
-    errors = measure.log_errors(logs, pair)
+    errors = measure.log_errors(data.logs, pair)
     size = [error.squared.sum() for error in errors.values()]
     return min(zip(lost, size, tried, strict=True), key=lambda row: row[:2])[2]
 
 
-def _predicted(
-    world: World, logs: list[JointRun], unseen: list[JointRun]
-) -> tuple[list, list]:
+def _predicted(world: World, data: Given) -> Predicted:
     """Open-loop predictions of the fit and the held-out runs."""
-    both = measure.whole_log(world, [*logs, *unseen])
-    return both[: len(logs)], both[len(logs) :]
-
-
-def _gain(
-    nominal: World, world: World, logs: list[JointRun], unseen: list[JointRun],
-    pairs: dict, case: Case, seed: int,
-) -> dict[str, Any] | None:  # fmt: skip
-    """Errors on the held-out runs, before and after, at all horizons."""
-    forward, names = measure.learn(logs, seed), [joint.name for joint in case.joints]
-    whole = measure.log_errors(
-        unseen,
-        {
-            "before": pairs["nominal"][1], "after": pairs["extended"][1],
-            "learned": measure.learned_log(forward, unseen),
-        },
-    )  # fmt: skip
-    rows = sum(len(run.time) for run in unseen)
-    compared = len(whole["before"].block) / rows
-    if compared == 0.0:
-        return None  # a robot fell at once
-    horizons = _rows(None, whole, names, seed)
-    if not floats(nominal.model):
-        horizons += _ahead(nominal, world, unseen, forward, names, seed)
-    first = horizons[0]
-    learnable = first["before"] - first["learned"]
-    return {
-        "metric": "position rmse", "unit": "rad", **{
-            key: first[key] for key in ("before", "after", "low", "high")
-        },
-        "noise_floor": float(np.sqrt(np.mean([j.noise**2 for j in case.joints]))),
-        "learned_ceiling": first["learned"],
-        "learned_share": (first["before"] - first["after"]) / learnable
-        if learnable > 0.0 else None,
-        "compared_share": compared,
-        "promoted": bool(first["low"] > 0.0),
-        "horizons": horizons,
-    }  # fmt: skip
-
-
-def _ahead(
-    nominal: World, world: World, unseen: list[JointRun], forward: Network,
-    joints: list[str], seed: int,
-) -> list[dict[str, Any]]:  # fmt: skip
-    """Rows of the short horizons, which start from measured states."""
-    period = nominal.task.control_period
-    cut = measure.windows(unseen, period)
-    if cut is None:
-        return []
-    played = {
-        "before": measure.windowed(nominal, cut, period),
-        "after": measure.windowed(world, cut, period),
-        "learned": measure.learned_windows(forward, cut, period),
-    }
-    rows = []
-    for horizon in measure.HORIZONS:
-        errors = {
-            name: measure.window_errors(cut, angles, horizon, period)
-            for name, angles in played.items()
-        }
-        rows += _rows(horizon or period, errors, joints, seed)
-    return rows
-
-
-def _rows(
-    horizon: float | None, errors: dict[str, Errors], joints: list[str], seed: int
-) -> list[dict[str, Any]]:
-    """Rows of one horizon: all joints together, then each."""
-    rows = []
-    for index, name in [(None, "all"), *enumerate(joints)]:
-        low, high = measure.interval(errors["before"], errors["after"], index, seed)
-        pick = slice(None) if index is None else index
-        values = {
-            key: float(np.sqrt(error.squared[:, pick].mean()))
-            for key, error in errors.items()
-        }
-        rows.append(
-            {"horizon_s": horizon, "joint": name, **values, "low": low, "high": high}
-        )
-    return rows
-
-
-def _write_signals(
-    path: Path, joints: tuple[str, ...], logs: list[JointRun], unseen: list[JointRun],
-    pairs: dict, verdict: Verdict,
-) -> None:  # fmt: skip
-    """Write what the report draws: measured, nominal and extended, row by row."""
-    runs = [*logs, *unseen]
-    nominal = [*pairs["nominal"][0], *pairs["nominal"][1]]
-    extended = [*pairs["extended"][0], *pairs["extended"][1]]
-    columns: dict[str, np.ndarray] = {
-        "time": np.concatenate([run.time for run in runs]),
-        "trajectory": np.concatenate(
-            [np.full(len(run.time), k) for k, run in enumerate(runs)]
-        ),
-        "part": np.concatenate(
-            [np.full(len(run.time), int(k >= len(logs))) for k, run in enumerate(runs)]
-        ),
-    }
-    case = verdict.judge.case
-    for j, name in enumerate(joints):
-        load = [
-            np.interp(run.time - run.time[0], motion.time, weight.nominal.rest[:, j])
-            for run, motion, weight in zip(
-                case.runs, case.motions, case.loads, strict=True
-            )
-        ]
-        load += [np.full(len(run.time), np.nan) for run in unseen]
-        parts = {
-            "command": [run.command[:, j] for run in runs],
-            "measured": [run.angle[:, j] for run in runs],
-            "nominal": [rows[:, j] for rows in nominal],
-            "extended": [rows[:, j] for rows in extended],
-            "load": load,
-        }
-        columns |= {f"{key}.{name}": np.concatenate(v) for key, v in parts.items()}
-    parquet.write_table(pa.table(columns), path)
+    both = measure.whole_log(world, [*data.logs, *data.unseen])
+    return both[: len(data.logs)], both[len(data.logs) :]

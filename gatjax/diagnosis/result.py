@@ -10,6 +10,7 @@ from gatjax.diagnosis import extend
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.fit import LEFT
 from gatjax.diagnosis.hypotheses import COUNT, numbers
+from gatjax.diagnosis.joint import TRANSPORT
 from gatjax.diagnosis.unexplained import explore
 from gatjax.diagnosis.verdict import Cause, Verdict
 from gatjax.effects.catalogue import CATALOGUE
@@ -181,11 +182,14 @@ def calibration_rows(verdict: Verdict) -> list[dict[str, Any]]:
                  "nominal": joint.nominal[name], "fitted": drive[name],
                  "tolerance": share * joint.nominal[name]}
             )  # fmt: skip
-        rows.append(
+        rows += [
             {"parameter": "encoder zero", "where": joint.name, "unit": "rad",
              "nominal": 0.0, "fitted": drive["zero_out"],
-             "tolerance": joint.allowed.zero}
-        )  # fmt: skip
+             "tolerance": joint.allowed.zero},
+            {"parameter": "transport of commands", "where": joint.name, "unit": "s",
+             "nominal": TRANSPORT, "fitted": drive["delay"],
+             "tolerance": joint.allowed.late},
+        ]  # fmt: skip
     return rows
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from gatjax.data import checks
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import split_by_trajectory
-from gatjax.diagnosis.diagnose import diagnose
+from gatjax.diagnosis.diagnose import Logs, diagnose
 from gatjax.loop.collect import collect, collect_motion
 from gatjax.loop.ground import HELD_OUT, STABILITY_ROLLOUTS, count_falls
 from gatjax.loop.play import Player
@@ -16,7 +16,7 @@ from gatjax.loop.setting import DIAGNOSIS_UNIT, Entry, Progress, Setting
 from gatjax.loop.staged import staged
 from gatjax.records import JOINTS
 from gatjax.robot.nao import LIMITS
-from gatjax.runs import write_json, write_whole
+from gatjax.runs import write_whole
 from gatjax.runs.files import read_json
 from gatjax.sim.backend import prepare
 from gatjax.sim.world import World, add_cause, read_world, write_world
@@ -73,9 +73,8 @@ def diagnosed(setting: Setting) -> None:
     tell = staged(
         Progress(lambda text: stage(f"diagnosis: {text}"), lambda share: None)
     )
-    text = diagnose("nao", fit, held, folder, setting.settings.seed, tell)
     rows = checks.summary(list(zip([*fit, *held], found, strict=True)))
-    write_json(folder / "diagnosis.json", text | {"data_checks": rows})
+    diagnose("nao", Logs(fit, held, rows), folder, setting.settings.seed, tell)
 
 
 def logs(setting: Setting) -> tuple[list[Recording], list[Recording]]:

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from gatjax.data.recording import read_recording
-from gatjax.diagnosis.diagnose import diagnose
+from gatjax.diagnosis.diagnose import Logs, diagnose
 from gatjax.surrogate.hidden import write_cases
 
 # Seeds are the first ones, counted from 1, whose effect has a visibility of 3 or more:
@@ -33,8 +33,10 @@ def answered(request, tmp_path_factory):
     case = folder / "cases" / truth["id"]
     told = diagnose(
         str(folder / "models" / f"{truth['robot']}.xml"),
-        [read_recording(file) for file in sorted(case.glob("fit*.parquet"))],
-        [read_recording(case / "held.parquet")],
+        Logs(
+            [read_recording(file) for file in sorted(case.glob("fit*.parquet"))],
+            [read_recording(case / "held.parquet")],
+        ),
         folder / "out", 0, lambda stage, share: None,
     )  # fmt: skip
     return truth, told, folder / "out"
@@ -65,6 +67,8 @@ def test_the_size_is_near_the_truth(answered):
 
 def test_what_it_writes_is_whole_and_the_extension_predicts_better(answered):
     truth, told, out = answered
+    written = json.loads((out / "diagnosis.json").read_text())
+    assert written["verdict"] == told["verdict"]
     for name in ("world.json", "extended.xml", "signals.parquet"):
         assert (out / name).stat().st_size > 0
     assert (told["fallback"] is not None) == (told["verdict"] == "unknown")

@@ -1,0 +1,99 @@
+"""`gatjax collect`: walks or motions of a robot, into one recording."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gatjax import motions
+from gatjax.cli import arguments as verbs
+from gatjax.cli.inputs import check_least, make_folder, policy_of, robot_of
+from gatjax.cli.progress import shown
+from gatjax.data.recording import Recording, check_ending, write_recording
+from gatjax.data.trajectories import to_recording
+from gatjax.loop.play import Play, Player, record_motion
+from gatjax.loop.setting import ROBOT_LOG, SIMULATOR_LOG, seeds
+from gatjax.task import RATES, Task, task_at
+
+
+def record(verb: verbs.Collect) -> None:
+    """Record walks or a motion of a robot."""
+    walks = verb.motion is None
+    runs_asked = (
+        (15 if walks else 3) if verb.trajectories is None else verb.trajectories
+    )
+    check_least(1, trajectories=runs_asked)
+    check_least(0, seed=verb.seed, body_seed=verb.body_seed)
+    given = {"joints": verb.joints or None, "reach": verb.reach}
+    given = given | {"seconds": verb.seconds} if walks else {"policy": verb.policy}
+    extra = next((name for name, value in given.items() if value is not None), None)
+    if extra is not None:
+        kind = "goes with --motion" if walks else "is for walks, not for --motion"
+        raise ValueError(f"--{extra} {kind}; leave it out")
+    check_ending(verb.out)
+    asked = None if verb.motion is None else motions.motion(verb.motion)
+    task = task_at(verb.rate_hz) if walks else playing_at(verb.rate_hz, verb.robot)
+    robot = robot_of(verb.robot, verb.body_seed, verb.world, task)
+    purpose = SIMULATOR_LOG if verb.robot == "simulator" else ROBOT_LOG
+    drawn = seeds(purpose, verb.seed, runs_asked)
+    if asked is None:
+        recording, told = walked(verb, robot, drawn)
+    else:
+        recording, told = played(verb, robot, asked, drawn)
+    make_folder(verb.out.parent)
+    write_recording(verb.out, recording)
+    print(f"{verb.out}: {told}")
+
+
+def playing_at(rate_hz: float, robot: str) -> Task:
+    """Return the task of playing motions: a simulation does it at any rate."""
+    if robot != "simulator" or rate_hz in RATES:
+        return task_at(rate_hz)
+    if not 10.0 <= rate_hz <= 1000.0:
+        raise ValueError(f"--rate-hz is {rate_hz:g}; motions take 10 to 1000 Hz")
+    return Task(control_period=1.0 / rate_hz)
+
+
+def walked(verb: verbs.Collect, robot: Any, drawn: range) -> tuple[Recording, str]:
+    """Record walks; return what to say about them."""
+    policies = np.tile(policy_of(verb.policy), (len(drawn), 1))
+    with shown(1.0) as progress:
+        progress.stage(f"{len(drawn)} walks of {robot.name}")
+        trajectory, outcome = robot.walk(policies, drawn, task_at(verb.rate_hz))
+        progress.work(1.0)
+    recording = to_recording(trajectory, robot.name, verb.rate_hz, {"seed": verb.seed})
+    return recording, f"{len(drawn)} trajectories, {summary(outcome)}"
+
+
+def played(
+    verb: verbs.Collect, robot: Player, motion: motions.Motion, drawn: range
+) -> tuple[Recording, str]:
+    """Record a motion; return what to say about it."""
+    limbs = robot.limbs()
+    names = tuple(name for word in verb.joints for name in word.split(",") if name)
+    moving = motions.chosen(limbs, names)
+    play = Play(
+        motion=motion,
+        joints=moving,
+        rate_hz=verb.rate_hz,
+        seeds=drawn,
+        reach=motion.reach(limbs, moving) if verb.reach is None else verb.reach,
+        seconds=motion.seconds if verb.seconds is None else verb.seconds,
+    )
+    with shown(1.0) as progress:
+        progress.stage(f"{len(drawn)} times {motion.name} on {robot.name}")
+        recording, falls = record_motion(robot, play)
+        progress.work(1.0)
+    advice = "; try a smaller --reach" if falls else ""
+    return recording, (
+        f"{len(drawn)} runs of {motion.name} with reach {play.reach:g}, {falls} falls"
+        f"{advice}\n{motion.use}"
+    )
+
+
+def summary(outcome: Any) -> str:
+    """Say speed and falls in one line."""
+    falls = int(np.isfinite(outcome.fell_at).sum())
+    speed = 100.0 * np.asarray(outcome.velocity)
+    return f"{speed.mean():.1f} +- {speed.std():.1f} cm/s, {falls} falls"

@@ -1,0 +1,57 @@
+"""What flags of several verbs mean: worlds, robots, policies, folders."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gatjax import loop, runs
+from gatjax.grounding import learn as grounders
+from gatjax.sim.world import World, nominal, read_world
+from gatjax.surrogate import make_robot
+from gatjax.task import Task
+from gatjax.walk.parameters import THETA0
+
+
+def world_of(path: Path | None, task: Task) -> World:
+    """Load a world with its grounding; the ideal simulator without a path."""
+    if path is None:
+        return nominal(task)
+    world, folder = read_world(path, task)
+    if folder is None:
+        return world
+    return grounders.grounded(world, grounders.read_grounding(folder))
+
+
+def robot_of(name: str, body_seed: int, world: Path | None, task: Task) -> Any:
+    """Return the robot of a command: the simulator or a stand-in."""
+    if name == "simulator":
+        return loop.Simulator(world_of(world, task))
+    if world is not None:
+        raise ValueError(f"--world is for --robot simulator, not {name}")
+    return make_robot(name, body_seed)
+
+
+def policy_of(path: Path | None) -> np.ndarray:
+    """Read a policy, theta0 without a path."""
+    return THETA0 if path is None else runs.read_policy(path)
+
+
+def check_least(least: int, **numbers: int) -> None:
+    """Refuse numbers that are too small, by the names of their flags."""
+    for name, value in numbers.items():
+        if value < least:
+            flag = name.replace("_", "-")
+            raise ValueError(f"--{flag} is {value}; use {least} or more")
+
+
+def make_folder(path: Path) -> None:
+    """Make the folder that --out means."""
+    if path.exists() and not path.is_dir():
+        raise ValueError(f"{path}: is a file, --out needs a folder here")
+    path.mkdir(parents=True, exist_ok=True)
+    if not os.access(path, os.W_OK):
+        raise ValueError(f"{path}: no permission to write there; choose another folder")

@@ -1,0 +1,108 @@
+"""What an extended simulation gains on held-out logs, at all horizons."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gatjax.data.trajectories import JointRun
+from gatjax.diagnosis import measure
+from gatjax.diagnosis.case import Case
+from gatjax.diagnosis.measure import Errors
+from gatjax.grounding.network import Network
+from gatjax.sim.limbs import floats
+from gatjax.sim.world import World
+
+Predicted = tuple[list[np.ndarray], list[np.ndarray]]
+"""Open-loop angles [N, J] rad of the fit and of the held-out runs."""
+
+
+def gained(
+    worlds: dict[str, World], pairs: dict[str, Predicted], logs: list[JointRun],
+    unseen: list[JointRun], case: Case, seed: int,
+) -> dict[str, Any] | None:  # fmt: skip
+    """Errors on the held-out runs, before and after, at all horizons.
+
+    Args:
+        worlds: nominal and extended.
+        pairs: their predictions of whole logs.
+        logs: that were explained; the learned model is trained on them.
+        unseen: held-out.
+        case: of the diagnosis, for the noise.
+        seed: of everything that is drawn.
+
+    Returns:
+        `gain` of diagnosis.json; None if a standing robot fell at once.
+    """
+    forward, names = measure.learn(logs, seed), [joint.name for joint in case.joints]
+    whole = measure.log_errors(
+        unseen,
+        {
+            "before": pairs["nominal"][1], "after": pairs["extended"][1],
+            "learned": measure.learned_log(forward, unseen),
+        },
+    )  # fmt: skip
+    rows = sum(len(run.time) for run in unseen)
+    compared = len(whole["before"].block) / rows
+    if compared == 0.0:
+        return None  # a robot fell at once
+    horizons = _rows(None, whole, names, seed)
+    if not floats(worlds["nominal"].model):
+        horizons += _ahead(worlds, unseen, forward, names, seed)
+    first = horizons[0]
+    learnable = first["before"] - first["learned"]
+    return {
+        "metric": "position rmse", "unit": "rad", **{
+            key: first[key] for key in ("before", "after", "low", "high")
+        },
+        "noise_floor": float(np.sqrt(np.mean([j.noise**2 for j in case.joints]))),
+        "learned_ceiling": first["learned"],
+        "learned_share": (first["before"] - first["after"]) / learnable
+        if learnable > 0.0 else None,
+        "compared_share": compared,
+        "promoted": bool(first["low"] > 0.0),
+        "horizons": horizons,
+    }  # fmt: skip
+
+
+def _ahead(
+    worlds: dict[str, World], unseen: list[JointRun], forward: Network,
+    joints: list[str], seed: int,
+) -> list[dict[str, Any]]:  # fmt: skip
+    """Rows of the short horizons, which start from measured states."""
+    period = worlds["nominal"].task.control_period
+    cut = measure.windows(unseen, period)
+    if cut is None:
+        return []
+    played = {
+        "before": measure.windowed(worlds["nominal"], cut, period),
+        "after": measure.windowed(worlds["extended"], cut, period),
+        "learned": measure.learned_windows(forward, cut, period),
+    }
+    rows = []
+    for horizon in measure.HORIZONS:
+        errors = {
+            name: measure.window_errors(cut, angles, horizon, period)
+            for name, angles in played.items()
+        }
+        rows += _rows(horizon or period, errors, joints, seed)
+    return rows
+
+
+def _rows(
+    horizon: float | None, errors: dict[str, Errors], joints: list[str], seed: int
+) -> list[dict[str, Any]]:
+    """Rows of one horizon: all joints together, then each."""
+    rows = []
+    for index, name in [(None, "all"), *enumerate(joints)]:
+        low, high = measure.interval(errors["before"], errors["after"], index, seed)
+        pick = slice(None) if index is None else index
+        values = {
+            key: float(np.sqrt(error.squared[:, pick].mean()))
+            for key, error in errors.items()
+        }
+        rows.append(
+            {"horizon_s": horizon, "joint": name, **values, "low": low, "high": high}
+        )
+    return rows

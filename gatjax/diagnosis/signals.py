@@ -1,0 +1,59 @@
+"""signals.parquet: what the report draws, row by row."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+from pyarrow import parquet
+
+from gatjax.data.trajectories import JointRun
+from gatjax.diagnosis.gain import Predicted
+from gatjax.diagnosis.verdict import Verdict
+
+
+def write_signals(
+    path: Path, joints: tuple[str, ...], logs: list[JointRun], unseen: list[JointRun],
+    pairs: dict[str, Predicted], verdict: Verdict,
+) -> None:  # fmt: skip
+    """Write measured, nominal and extended angles, and nominal loads, of all rows.
+
+    Args:
+        path: of the file.
+        joints: names, J.
+        logs: that were explained.
+        unseen: held-out.
+        pairs: predictions of the nominal and the extended world.
+        verdict: gives the loads of the runs that were explained.
+    """
+    runs = [*logs, *unseen]
+    nominal = [*pairs["nominal"][0], *pairs["nominal"][1]]
+    extended = [*pairs["extended"][0], *pairs["extended"][1]]
+    columns: dict[str, np.ndarray] = {
+        "time": np.concatenate([run.time for run in runs]),
+        "trajectory": np.concatenate(
+            [np.full(len(run.time), k) for k, run in enumerate(runs)]
+        ),
+        "part": np.concatenate(
+            [np.full(len(run.time), int(k >= len(logs))) for k, run in enumerate(runs)]
+        ),
+    }
+    case = verdict.judge.case
+    for j, name in enumerate(joints):
+        load = [
+            np.interp(run.time - run.time[0], motion.time, weight.nominal.rest[:, j])
+            for run, motion, weight in zip(
+                case.runs, case.motions, case.loads, strict=True
+            )
+        ]
+        load += [np.full(len(run.time), np.nan) for run in unseen]
+        parts = {
+            "command": [run.command[:, j] for run in runs],
+            "measured": [run.angle[:, j] for run in runs],
+            "nominal": [rows[:, j] for rows in nominal],
+            "extended": [rows[:, j] for rows in extended],
+            "load": load,
+        }
+        columns |= {f"{key}.{name}": np.concatenate(v) for key, v in parts.items()}
+    parquet.write_table(pa.table(columns), path)
