@@ -5,7 +5,6 @@ import json
 import re
 import subprocess
 import sys
-import time
 from html.parser import HTMLParser
 
 import mujoco
@@ -454,10 +453,8 @@ def test_text_of_others_is_not_run(tmp_path):
 def test_robot_of_23_joints_stays_small_and_draws_the_named_joint(tmp_path):
     names = tuple(f"joint_{row}" for row in range(23))
     folder = write_folder(tmp_path, "named", names)
-    begun = time.process_time()
     page = write_report(folder).read_text()
-    assert time.process_time() - begun < 5.0
-    assert len(page) < 3_000_000
+    assert len(page) < 3_000_000 and "22 more joints" in page
     assert [t for t in Text(page).titles if t.startswith("Joint")] == ["Joint joint_0"]
     content = json.loads((folder / "diagnosis.json").read_text())
     content["causes"][0]["where"] = ["all"]

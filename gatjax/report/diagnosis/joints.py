@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gatjax.report.diagnosis import figures
-from gatjax.report.diagnosis.evidence import worst
+from gatjax.report.diagnosis.evidence import MOST_JOINTS, excess, worst
 from gatjax.report.diagnosis.frame import gallery, key, picture
 from gatjax.report.diagnosis.read import Diagnosis, Signals, Trace
 from gatjax.report.diagnosis.signals import close_up
@@ -13,13 +13,28 @@ from gatjax.report.sections import section
 
 
 def joint_sections(diagnosis: Diagnosis) -> str:
-    """Pictures of the named joints, else of the two worst."""
+    """Pictures of the named joints, else of the two worst; the others' residuals."""
     signals = diagnosis.signals
     if signals is None:
         return section("How the joints behave", "<p>signals.parquet is missing.</p>")
-    return "".join(
-        _joint(name, signals, signals.joints[name]) for name in worst(diagnosis)
-    )
+    drawn = worst(diagnosis)
+    shown = [_joint(name, signals, signals.joints[name]) for name in drawn]
+    return "".join(shown) + _others(diagnosis, signals, drawn)
+
+
+def _others(diagnosis: Diagnosis, signals: Signals, drawn: list[str]) -> str:
+    """Residuals over time of the joints that are not drawn, worst first, folded."""
+    ranked = sorted(diagnosis.joints, key=excess, reverse=True)
+    left = [j.name for j in ranked if j.name in signals.joints and j.name not in drawn]
+    if not left:
+        return ""
+    shown = [
+        picture(name, figures.residual_over_time(signals, signals.joints[name]))
+        for name in left[:MOST_JOINTS]
+    ]
+    count = "joint" if len(shown) == 1 else "joints"
+    body = f"<summary>{len(shown)} more {count}</summary>{gallery(shown)}"
+    return section("Residual of the other joints", f"<details>{body}</details>")
 
 
 def _joint(name: str, signals: Signals, trace: Trace) -> str:
