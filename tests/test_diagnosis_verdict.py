@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from gatjax.diagnosis import experiment, verdict
+from gatjax.diagnosis.aliases import again
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import Hypothesis
@@ -88,13 +89,13 @@ def test_lost_commands_are_looked_at_alone_though_they_have_no_size(named):
     assert named(Told({"": -50.0}), alone, second) == ["elastic"]
 
 
-@pytest.mark.parametrize("first, second, again", [
+@pytest.mark.parametrize("first, second, covered", [
     ("payload", "com_shift", True),  # it is a payload beside the centre of mass
     ("com_shift", "payload", False),
     ("viscous_friction", "damping_error", True),  # an alias
 ])  # fmt: skip
-def test_a_cause_that_a_known_one_covers_is_not_told_beside_it(first, second, again):
-    assert verdict._again(claim(second), [claim(first)], 2) == again
+def test_a_cause_that_a_known_one_covers_is_not_told_again(first, second, covered):
+    assert again(claim(second), [claim(first)], 2) == covered
 
 
 def test_what_is_drawn_only_looks_better(named):

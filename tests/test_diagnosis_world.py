@@ -50,8 +50,8 @@ OWN = {  # coordinates, where the bank's middle start does too little or too muc
     "encoder_offset": (0.2,),
     "encoder_scale": (-0.08,),
     "load_friction": (np.log(0.3),),
-    "backlash": (np.log(0.08), 0.3),
-    "joint_elasticity": (np.log(1.0), 0.3),
+    "backlash": (np.log(0.08), 0.3, 0.2),
+    "joint_elasticity": (np.log(1.0), 0.3, 0.2),
 }
 SHARE = 0.08
 MORE = {

@@ -166,15 +166,20 @@ def prepare(
         runs: trajectories of all actuated joints.
         tell: is called with a stage and the share of it that is done.
     """
+    case = unfitted(base, runs)
+    return dataclasses.replace(case, healthy=_healthy(case.joints, tell))
+
+
+def unfitted(base: Base, runs: list[JointRun]) -> Case:
+    """A case with loads along the measured motion, whose tolerances are not fitted."""
     moved, loads = base.weigh([], [])
     names = joint_names(base.tree.model)
     ready = joints.build(
         base.tree.model, base.tree, names, runs, moved, loads, base.allowed
     )
     return Case(
-        base=base, runs=runs, joints=ready, motions=moved, loads=loads,
-        healthy=_healthy(ready, tell),
-    )  # fmt: skip
+        base=base, runs=runs, joints=ready, motions=moved, loads=loads, healthy=[]
+    )
 
 
 def settled(case: Case, tell: Callable[[str, float], None]) -> Case:

@@ -23,15 +23,16 @@ from gatjax.diagnosis import (
     sensitivity,
 )
 from gatjax.diagnosis.case import held, prepare
+from gatjax.diagnosis.drawn import drawn_errors
 from gatjax.diagnosis.floor import channels, standing
 from gatjax.diagnosis.floor.judge import StandingJudge
-from gatjax.diagnosis.gain import Predicted, gained
+from gatjax.diagnosis.gain import Predicted, gained, half_second
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.signals import write_signals
 from gatjax.diagnosis.suitable import check_replay
 from gatjax.diagnosis.tolerances import USUAL, Tolerances
 from gatjax.diagnosis.unexplained import conditions
-from gatjax.diagnosis.unseen import borne_out
+from gatjax.diagnosis.unseen import Seen, borne_out
 from gatjax.diagnosis.verdict import Verdict, conclude
 from gatjax.robot import model as robot_model
 from gatjax.runs import write_json
@@ -141,7 +142,12 @@ def diagnose(
     if data.unseen and not data.floating:
         series = {name: each[1] for name, each in pairs.items()}
         errors = measure.log_errors(data.unseen, series)
-        verdict = borne_out(verdict, errors["nominal"], errors["extended"], seed)
+        seen = Seen(
+            (errors["nominal"], errors["extended"]),
+            lambda: half_second(made["nominal"], made["extended"], data.unseen),
+            drawn_errors(verdict.judge, data.unseen),
+        )
+        verdict = borne_out(verdict, seen, seed)
     text = _told(data, verdict, made, pairs, out, tell)
     write_signals(
         out / "signals.parquet", data.joints, data.logs, data.unseen, pairs, verdict

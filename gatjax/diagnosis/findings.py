@@ -13,6 +13,7 @@ SEEN = 0.3  # times the scatter from tolerances: a smaller change is not a cause
 VISIBLE = 0.5  # the same beside another cause
 SECOND_SHARE = 0.8  # as LEAST_SHARE, where a joint is explained but for a little
 AGAIN = 20.0  # nats of a further cause there
+SEVERAL = 3  # joints of a claim, of which one may have a cause of its own besides
 DRAWN_SHARE = 0.7  # as LEAST_SHARE, of a further cause at a joint that is drawn
 EXPECTED = 1.3  # misfit power of a right model, in squares of the reading noise
 SPENT = 9.0  # squared deviations: tolerances that imitate a cause instead of a misfit
@@ -58,8 +59,20 @@ def _explained(judge: Judge, joints: Iterable[int]) -> bool:
 
 
 def whole(judge: Judge, claim: Claim) -> bool:
-    """Whether a claim has a name and explains most of the misfit at its joints."""
-    return bool(claim.hypothesis.cause) and explained(judge, claim) >= LEAST_SHARE
+    """Whether a claim has a name and explains most of the misfit at its joints.
+
+    Of three joints or more, one may have a cause of its own besides.
+    """
+    if not claim.hypothesis.cause:
+        return False
+    if explained(judge, claim) >= LEAST_SHARE:
+        return True
+    fits = claim.fits
+    if len(fits) < SEVERAL:
+        return False
+    worst = max(fits, key=lambda k: fits[k].rms() / judge.joints[k].noise)
+    rest = {k: fit for k, fit in fits.items() if k != worst}
+    return explained(judge, claim._replace(fits=rest)) >= LEAST_SHARE
 
 
 def explained(judge: Judge, claim: Claim) -> float:

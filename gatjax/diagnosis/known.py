@@ -19,12 +19,21 @@ from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined, pinned
 from gatjax.diagnosis.joint import Joint
 
 ASTRAY = 3.5  # times the noise that the best explanation leaves: look again
+PARTED = 1.7  # the same with a gap, which parts any two runs
+GAP = "backlash"
 CHANGED = 3.0  # nats: a joint whose evidence changed less keeps its fits
 SETTLING = 3  # iterations in which joints settle on a value
 REFITTING = 12  # iterations of a claim beside something else
 PASSES = 6  # over the loads that a new claim makes, at most
 
 Mine = TypeVar("Mine", bound="Known")
+
+
+def astray(fit: Fit) -> float:
+    """Times the noise that a joint leaves which cannot be followed open loop."""
+    owner = fit.hypothesis
+    parts = () if owner is None else owner.parts or (owner,)
+    return PARTED if any(part.cause == GAP for part in parts) else ASTRAY
 
 
 class Known:
@@ -55,7 +64,10 @@ class Known:
         state = self.case, self.joints, list(self.known)
         self._draw(dict.fromkeys(held, 0.0))
         free = self._settled(claim, prior)
-        if any(self.known[k].rms() > ASTRAY * self.joints[k].noise for k in held):
+        if any(
+            self.known[k].rms() > astray(self.known[k]) * self.joints[k].noise
+            for k in held
+        ):
             self.case, self.joints, self.known = state
             free = self._settled(claim, prior)
         claim = free
@@ -72,7 +84,7 @@ class Known:
         for k in rates:
             healthy[k] = search.healthy(self.case.joints[k], healthy[k].x)
         self.case = dataclasses.replace(self.case, healthy=healthy)
-        self.joints = self._altered(self.case)
+        self.joints = self.altered(self.case)
         for index, fit in zip(rates, mapped(self._again, rates), strict=True):
             self.known[index] = fit
 
@@ -88,7 +100,7 @@ class Known:
             old = claim, self.case, self.joints, self.known
             total = self.evidence()
             self.case = along(self.case, self.joints, self.known)
-            self.joints = self._altered(self.case)
+            self.joints = self.altered(self.case)
             self.known = mapped(self._again, every)
             claim = self._agreed(claim, prior)
             better = self.evidence() - total
@@ -141,7 +153,7 @@ class Known:
     def _evidence(self, index: int) -> float:
         return fits.evidence(self.joints[index], self.known[index])
 
-    def _altered(self, case: Case) -> list[Joint]:
+    def altered(self, case: Case) -> list[Joint]:
         """The case's joints with the bodies and the commands that claims changed."""
         out = list(case.joints)
         for claim in self.accepted:

@@ -1,0 +1,90 @@
+"""Two causes at a joint: the one that explains most alone may be neither of them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from gatjax.diagnosis import drops, search
+from gatjax.diagnosis.aliases import again, alias
+from gatjax.diagnosis.bank import CAUSES
+from gatjax.diagnosis.case import mapped
+from gatjax.diagnosis.claims import LATER, Claim
+from gatjax.diagnosis.findings import whole, worth_naming
+from gatjax.diagnosis.judge import Judge
+
+TRIED = 4  # causes that are taken for the first of two
+MARGIN = 10.0  # nats by which two causes beat an unnamed law
+
+
+class Couple(NamedTuple):
+    """Two named causes, and what they were chosen from."""
+
+    first: Claim  # alone
+    second: Claim  # beside the first
+    claims: list[Claim]  # beside the first, best first
+    judge: Judge  # has accepted the first
+
+
+def better(judge: Judge, claims: list[Claim], law: Claim) -> Couple | None:
+    """Two named causes that explain a joint better than another claim does.
+
+    Args:
+        judge: what is known.
+        claims: all, best first.
+        law: the best one, which has no name or leaves too much.
+    """
+    found = couple(judge, claims, law.where[0])
+    if found is None or law.hypothesis.cause:
+        return found
+    more = found.first.gain + found.second.gain - law.gain
+    return found if more > MARGIN else None
+
+
+def couple(judge: Judge, claims: list[Claim], joint: int) -> Couple | None:
+    """The two named causes that explain a joint best, if there are any.
+
+    The best ones of that joint alone are taken for the first, and the whole bank is
+    tried beside each; what the best one of these leaves is then judged as ever.
+
+    Args:
+        judge: what is known.
+        claims: all, best first.
+        joint: in question.
+    """
+    count = len(judge.joints)
+    firsts = _firsts(claims, joint, count)
+    if not firsts:
+        return None
+    totals = mapped(lambda claim: _total(judge, claim, joint), firsts)
+    first = firsts[totals.index(max(totals))]
+    trial = judge.fork()
+    known = trial.accept(first)
+    left = [c for c in trial.claims() if not again(c, [known], count)]
+    second = next((c for c in left if worth_naming(trial, c)), None)
+    if second is None or not whole(trial, second):
+        return None
+    return Couple(first, second, left, trial)
+
+
+def _firsts(claims: list[Claim], joint: int, count: int) -> list[Claim]:
+    """The best claims about a joint with a name, one of each cause and place."""
+    out: dict[tuple, Claim] = {}
+    for claim in claims:
+        key = alias(claim.hypothesis, count), claim.place()
+        if claim.hypothesis.cause and claim.gain > LATER and joint in claim.fits:
+            out.setdefault(key, claim)
+    return list(out.values())[:TRIED]
+
+
+def _total(judge: Judge, first: Claim, index: int) -> float:
+    """Nats that a cause explains at a joint with the best one beside it."""
+    joint = judge.joints[index]
+    if first.body is not None:
+        joint = judge.case.carrying(index, first.body)
+    if first.lost:
+        commands = judge.case.commands(index)
+        joint = drops.with_commands(joint, commands, first.lost[index])
+    own = first.hypothesis.cause
+    bank = tuple(h for h in CAUSES if h.cause != own)
+    found = search.explain(joint, first.fits[index], bank)
+    return max(judge.score(index, fit, joint) for fit in found)

@@ -1,0 +1,141 @@
+"""Two causes at one joint, of which what explains most alone is neither."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from gatjax.diagnosis import findings, pairs, verdict
+from gatjax.diagnosis.claims import Claim
+from gatjax.diagnosis.fit import Fit
+from gatjax.diagnosis.hypotheses import Hypothesis
+from gatjax.diagnosis.judge import Judge
+
+LAW = ""  # a claim without a name
+NOISE = 1e-3
+
+
+def fit(rms):
+    empty = np.zeros((1, 1))
+    residual = np.full(4, rms * NOISE)
+    return Fit(None, np.zeros(1), 0.0, residual, empty, np.eye(1), 1e-2, False)
+
+
+def claim(cause, gain=100.0, fits=None):
+    fits = fits or {0: fit(1.0)}
+    none = Hypothesis(cause, "", lambda *_: None, (), (), (), (), lambda *_: {})
+    return Claim(none, np.zeros(1), tuple(fits), fits, gain)
+
+
+class Scripted(Judge):
+    """A judge of one joint that finds what a script says beside what is known."""
+
+    def __init__(self, script, right, names=()):
+        self.script, self.right, self.names = script, right, list(names)
+        self.case = SimpleNamespace(pulled={})
+        self.joints, self.accepted = [None], [claim(name) for name in names]
+
+    def fork(self):
+        return Scripted(self.script, self.right, self.names)
+
+    def claims(self):
+        found = self.script.get("+".join(sorted(self.names)), {})
+        return [claim(name, gain) for name, gain in found.items()]
+
+    def accept(self, claim):
+        self.names.append(claim.hypothesis.cause)
+        self.accepted.append(claim)
+        return claim
+
+    def refitted(self, claim):
+        return claim
+
+    def evidence(self):
+        return 0.0
+
+
+@pytest.fixture
+def told(monkeypatch):
+    """The verdict on a script, in which only the causes `right` explain the joint."""
+    for module in (verdict, pairs):
+        monkeypatch.setattr(module, "worth_naming", lambda judge, claim: True)
+        monkeypatch.setattr(
+            module, "whole", lambda judge, claim: bool(claim.hypothesis.cause)
+        )
+    def total(judge, first, joint):
+        beside = judge.script.get(first.hypothesis.cause, {LAW: 0.0})
+        return first.gain + max(beside.values())
+
+    monkeypatch.setattr(pairs, "_total", total)
+    monkeypatch.setattr(
+        verdict, "adequate", lambda judge, index: set(judge.names) == judge.right
+    )
+
+    def run(script, right):
+        found = verdict.decide(Scripted(script, set(right)))
+        causes = [cause.claim.hypothesis.cause for cause in found.causes]
+        return found.verdict, sorted(causes)
+
+    return run
+
+
+def test_two_small_causes_beat_an_unnamed_law(told):
+    script = {
+        "": {LAW: 300.0, "payload": 230.0, "scale": 60.0, "offset": 25.0},
+        "payload": {"ripple": 40.0},
+        "scale": {"offset": 270.0},
+        "offset": {"scale": 310.0},
+    }
+    assert told(script, {"scale", "offset"}) == ("named", ["offset", "scale"])
+
+
+def test_two_causes_that_explain_less_than_an_unnamed_law_are_not_told(told):
+    script = {
+        "": {LAW: 300.0, "scale": 60.0, "offset": 25.0},
+        "scale": {"offset": 200.0}, "offset": {"scale": 240.0},
+    }  # fmt: skip
+    assert told(script, {"scale", "offset"}) == ("unknown", [])
+
+
+def test_a_first_cause_that_explains_too_little_gives_way_to_two_others(told):
+    script = {
+        "": {"armature": 130.0, "elastic": 110.0, "delay": 70.0},
+        "elastic": {"delay": 150.0},
+        "delay": {"elastic": 190.0},
+    }
+    assert told(script, {"elastic", "delay"}) == ("named", ["delay", "elastic"])
+    assert told(script, {"nothing"}) == ("unknown", ["armature"])
+
+
+def test_two_causes_that_explain_as_much_replace_three(told):
+    script = {
+        "": {"payload": 120.0, "tilt": 70.0},
+        "payload": {"gain": 200.0}, "gain": {"payload": 100.0},
+        "gain+payload": {"friction": 80.0},
+        "tilt": {"friction": 300.0}, "friction": {"tilt": 250.0},
+    }  # fmt: skip
+    right = {"tilt", "friction"}
+    assert told(script, right) == ("named", ["friction", "tilt"])
+    three = ["friction", "gain", "payload"]
+    assert told(script, set(three)) == ("named", three)
+
+
+def test_a_cause_that_comes_and_goes_ends(told, monkeypatch):
+    dropped = lambda judge, causes, fresh: (fresh, causes[1:])  # noqa: E731
+    monkeypatch.setattr(verdict, "_exchanged", dropped)
+    script = {
+        "": {"payload": 120.0, "tilt": 70.0}, "tilt": {"payload": 90.0},
+        "payload": {"tilt": 200.0}, "payload+tilt": {},
+    }  # fmt: skip
+    assert told(script, {"payload"})[1] != []
+
+
+def test_one_of_several_joints_may_have_a_cause_of_its_own_besides():
+    judge = Scripted({}, set())
+    judge.known = [fit(8.0), fit(8.0), fit(50.0)]
+    judge.joints = [SimpleNamespace(noise=NOISE)] * 3
+    left = {0: fit(1.0), 1: fit(1.0), 2: fit(49.0)}
+    assert findings.whole(judge, claim("gain", fits=left))
+    assert not findings.whole(judge, claim("gain", fits={1: left[1], 2: left[2]}))
+    worse = left | {1: fit(10.0)}
+    assert not findings.whole(judge, claim("gain", fits=worse))
