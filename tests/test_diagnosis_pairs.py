@@ -62,6 +62,7 @@ def told(monkeypatch):
         monkeypatch.setattr(
             module, "whole", lambda judge, claim: bool(claim.hypothesis.cause)
         )
+
     def total(judge, first, joint):
         beside = judge.script.get(first.hypothesis.cause, {LAW: 0.0})
         return first.gain + max(beside.values())
