@@ -8,7 +8,7 @@ import pytest
 from gatjax.diagnosis import findings, pairs, verdict
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.fit import Fit
-from gatjax.diagnosis.hypotheses import Hypothesis
+from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined
 from gatjax.diagnosis.judge import Judge
 
 LAW = ""  # a claim without a name
@@ -34,6 +34,7 @@ class Scripted(Judge):
         self.script, self.right, self.names = script, right, list(names)
         self.case = SimpleNamespace(pulled={})
         self.joints, self.accepted = [None], [claim(name) for name in names]
+        self.known = [fit(1.0)]
 
     def fork(self):
         return Scripted(self.script, self.right, self.names)
@@ -129,6 +130,29 @@ def test_a_cause_that_comes_and_goes_ends(told, monkeypatch):
         "payload": {"tilt": 200.0}, "payload+tilt": {},
     }  # fmt: skip
     assert told(script, {"payload"})[1] != []
+
+
+def test_a_cause_of_the_floor_is_no_cause_of_joints(told):
+    floor = claim("tilt")._replace(fits={}, where=())
+    cause = verdict.Cause(floor, 1.0, [], [])
+    judge = Scripted({}, set())
+    before = [verdict.Before(judge, [])]
+    assert verdict._instead(judge, [cause], before) == (judge, [cause])
+
+
+def test_sizes_are_those_beside_what_was_accepted_later():
+    first, second = (claim(n).hypothesis._replace(low=(0.0,)) for n in "ab")
+    both = combined(first, second)
+    x = np.append(np.zeros(COUNT), [2.0, 5.0])
+    known = fit(1.0)._replace(
+        hypothesis=both, x=x, information=np.diag(np.arange(1.0, COUNT + 3.0))
+    )
+    judge = Scripted({}, set(), "ab")
+    judge.known = [known]
+    old = claim("a")._replace(hypothesis=first)
+    now = judge.current(old)
+    assert now.own == 2.0 and judge.current(old._replace(hypothesis=second)).own == 5.0
+    assert now.covariance > judge.current(old._replace(hypothesis=second)).covariance
 
 
 def test_one_of_several_joints_may_have_a_cause_of_its_own_besides():

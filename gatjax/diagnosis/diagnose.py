@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -144,7 +145,7 @@ def diagnose(
         errors = measure.log_errors(data.unseen, series)
         seen = Seen(
             (errors["nominal"], errors["extended"]),
-            lambda: half_second(made["nominal"], made["extended"], data.unseen),
+            cache(lambda: half_second(made["nominal"], made["extended"], data.unseen)),
             drawn_errors(verdict.judge, data.unseen),
         )
         verdict = borne_out(verdict, seen, seed)

@@ -41,21 +41,24 @@ def drawn_errors(
         return {}
     runs = list(unseen)
     other = unfitted(base._replace(runs=runs), runs)
-    after = judge.altered(other)
-    return {
-        k: (
-            _errors(other.joints[k].drawn(rate), case.healthy[k]),
-            _errors(after[k].drawn(rate), judge.known[k]),
-        )
-        for k, rate in wanted.items()
-    }
+
+    def errors(index: int, joint: Joint, fit: Fit) -> Errors:
+        return _errors(joint.drawn(wanted[index]), judge.joints[index], fit)
+
+    found = {}
+    for k in wanted:
+        bodies = [c.body for c in judge.accepted if k in c.fits and c.body is not None]
+        after = other.carrying(k, bodies[-1]) if bodies else other.joints[k]
+        healthy, known = case.healthy[k], judge.known[k]
+        found[k] = errors(k, other.joints[k], healthy), errors(k, after, known)
+    return found
 
 
-def _errors(joint: Joint, fit: Fit) -> Errors:
-    """Squared errors [n, 1] of a fit of other runs."""
+def _errors(joint: Joint, fitted: Joint, fit: Fit) -> Errors:
+    """Squared errors [n, 1] of a joint with a fit of the same joint in other runs."""
     x = fit.x.copy()
     x[:COUNT][SHAPES] = 0.0
-    drive = numbers(joint, fit.hypothesis, x)
+    drive = numbers(fitted, fit.hypothesis, x)
     residual = joint.residual([drive], fit.geared)
     run = np.broadcast_to(np.arange(len(joint.time))[:, None], joint.time.shape)
     block = APART * run + (joint.time / BLOCK).astype(int)

@@ -94,7 +94,8 @@ def adequate(judge: Judge, index: int) -> bool:
     before = judge.case.healthy[index].rms() / joint.noise
     known = any(index in claim.fits for claim in judge.accepted)
     if index in judge.case.pulled:  # it looks better than it is
-        enough = known and level < ROUGH and level**2 < DRAWN_REST * before**2
+        beyond = level**2 - EXPECTED
+        enough = known and level < ROUGH and beyond < DRAWN_REST * before**2
     else:
         most = ROUGH if known else TOLERABLE
         enough = level < most or level**2 < REST * before**2

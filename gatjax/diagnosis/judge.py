@@ -25,7 +25,7 @@ from gatjax.diagnosis.claims import (
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined, pinned
 from gatjax.diagnosis.joint import Joint
-from gatjax.diagnosis.known import Known, astray
+from gatjax.diagnosis.known import ASTRAY, Known, astray
 
 NOISY = 1.7  # times the noise that the best cause leaves: commands may be lost
 STRAYING = 0.3  # of the residual before, that it leaves at least
@@ -106,8 +106,9 @@ class Judge(Known):
     def _misses(self, index: int, rate: float) -> bool:
         """Whether a joint is drawn less, and even its best explanation goes astray."""
         known, best = self.known[index].rms(), self._best(index)
-        limit = astray(best) * self.joints[index].noise
-        missed = best.rms() > max(limit, STRAYING * known)
+        noise = self.joints[index].noise
+        limit = astray(best) if known > ASTRAY * noise else ASTRAY
+        missed = best.rms() > max(limit * noise, STRAYING * known)
         return missed and self.case.pulled.get(index, 0.0) < rate
 
     def _best(self, index: int) -> Fit:

@@ -172,6 +172,23 @@ class Known:
         first = fits.start(self.joints[index], [(fit.hypothesis, fit.x)])
         return fits.improve(self.joints[index], first, 6)[0]
 
+    def current(self, claim: Claim) -> Claim:
+        """A claim about one joint with its size beside what was accepted after it."""
+        count, alone = len(claim.own), len(claim.fits) == 1 and claim.body is None
+        if not (count and alone) or len(self.accepted) < 2:
+            return claim
+        (index,) = claim.fits
+        fit, first = self.known[index], COUNT
+        owner = fit.hypothesis
+        for part in () if owner is None else owner.parts or (owner,):
+            size = len(part.low)
+            if (part.cause, part.variant, size) == (*claim.hypothesis[:2], count):
+                sure = uncertainty([fit], count, first)
+                own = fit.x[first : first + size]
+                return claim._replace(own=own, fits={index: fit}, covariance=sure)
+            first += size
+        return claim
+
     def refitted(self, claim: Claim) -> Claim:
         """A claim with its size, beside what is known here about its joints.
 

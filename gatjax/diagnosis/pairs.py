@@ -5,14 +5,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from gatjax.diagnosis import drops, search
-from gatjax.diagnosis.aliases import again, alias
+from gatjax.diagnosis.aliases import COVERED, again, alias
 from gatjax.diagnosis.bank import CAUSES
 from gatjax.diagnosis.case import mapped
-from gatjax.diagnosis.claims import LATER, Claim
+from gatjax.diagnosis.claims import LATER, WHOLE, Claim
 from gatjax.diagnosis.findings import whole, worth_naming
 from gatjax.diagnosis.judge import Judge
 
 TRIED = 4  # causes that are taken for the first of two
+JUDGED = 2  # of them that are looked into
 MARGIN = 10.0  # nats by which two causes beat an unnamed law
 
 
@@ -56,14 +57,16 @@ def couple(judge: Judge, claims: list[Claim], joint: int) -> Couple | None:
     if not firsts:
         return None
     totals = mapped(lambda claim: _total(judge, claim, joint), firsts)
-    first = firsts[totals.index(max(totals))]
-    trial = judge.fork()
-    known = trial.accept(first)
-    left = [c for c in trial.claims() if not again(c, [known], count)]
-    second = next((c for c in left if worth_naming(trial, c)), None)
-    if second is None or not whole(trial, second):
-        return None
-    return Couple(first, second, left, trial)
+    order = sorted(range(len(firsts)), key=lambda n: -totals[n])
+    for first in (firsts[n] for n in order[:JUDGED]):
+        trial = judge.fork()
+        known = trial.accept(first)
+        left = [c for c in trial.claims() if not again(c, [known], count)]
+        worth = (c for c in left if joint in c.fits and worth_naming(trial, c))
+        second = next(worth, None)
+        if second is not None and whole(trial, second):
+            return Couple(first, second, left, trial)
+    return None
 
 
 def _firsts(claims: list[Claim], joint: int, count: int) -> list[Claim]:
@@ -84,7 +87,9 @@ def _total(judge: Judge, first: Claim, index: int) -> float:
     if first.lost:
         commands = judge.case.commands(index)
         joint = drops.with_commands(joint, commands, first.lost[index])
-    own = first.hypothesis.cause
-    bank = tuple(h for h in CAUSES if h.cause != own)
+    count = len(judge.joints)
+    never = {*alias(first.hypothesis, count), *COVERED.get(first.hypothesis.cause, ())}
+    never |= set(WHOLE) if count > 1 else set()
+    bank = tuple(h for h in CAUSES if h.cause not in never)
     found = search.explain(joint, first.fits[index], bank)
     return max(judge.score(index, fit, joint) for fit in found)

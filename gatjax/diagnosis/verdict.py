@@ -89,7 +89,8 @@ def decide(judge: Judge) -> Verdict:
             room = len(causes) + 1 < judge.most
             couple = pairs.better(judge, claims, best) if room else None
             trial, both = (judge, []) if couple is None else _both(judge, couple)
-            if not both or min(cause.probability for cause in both) < LIKELY:
+            sure = both and min(cause.probability for cause in both) >= LIKELY
+            if not (sure and adequate(trial, best.where[0])):
                 law = best if not best.hypothesis.cause else None
                 break
             judge, causes, before = trial, [*causes, *both], [*before, now, now]
@@ -107,11 +108,15 @@ def decide(judge: Judge) -> Verdict:
             break
         claims = _further(judge, causes)
     if causes:
+        was = judge
         judge, causes = _instead(judge, causes, before)
+        if judge is not was:
+            law, claims = None, _further(judge, causes)
     left = [k for k in range(len(judge.joints)) if not adequate(judge, k)]
     if law is not None:
         left = sorted({*left, *law.where})
-    causes = [_doubted(cause, left) for cause in causes]
+    now_known = [cause._replace(claim=judge.current(cause.claim)) for cause in causes]
+    causes = [_doubted(cause, left) for cause in now_known]
     return Verdict(word(causes, left), causes, left, law, claims, judge)
 
 
@@ -132,21 +137,22 @@ def _instead(
         before: what was known before each of them.
     """
     last = set(causes[-1].claim.fits)
+    if not last:
+        return judge, causes  # about floor, soles or inertial unit
     start = next(n for n, c in enumerate(causes) if last & set(c.claim.fits))
     bad = [k for k in last if not adequate(judge, k)]
     many = len(causes) - start > 2
     (prior, claims), tried = before[start], causes[start].claim
     room = len(prior.accepted) == start and start + 2 <= judge.most
-    if not (room and len(last) <= LOCAL and (bad or many)):
+    alone = all(set(c.claim.fits) <= last for c in causes[start:])
+    if not (room and alone and len(last) <= LOCAL and (bad or many)):
         return judge, causes
     name = frozenset({tried.hypothesis.cause})
     others = [claim for claim in claims if not _same(claim, tried, name)]
     couple = pairs.couple(prior, others, min(bad or last))
-    if couple is None:
-        return judge, causes
-    trial, both = _both(prior, couple)
+    trial, both = _both(prior, couple) if couple else (judge, [])
     drawn = len(trial.case.pulled) > len(judge.case.pulled)
-    fits = not drawn and all(adequate(trial, k) for k in last)
+    fits = both and not drawn and all(adequate(trial, k) for k in last)
     good = bad or trial.evidence() > judge.evidence() - LATER
     if fits and good and min(cause.probability for cause in both) > LIKELY:
         return trial, [*causes[:start], *both]
@@ -155,6 +161,8 @@ def _instead(
 
 def _both(before: Judge, couple: pairs.Couple) -> tuple[Judge, list[Cause]]:
     """A judge that has accepted two causes, and each of them weighed beside the other.
+
+    There are none if the first one is not found again beside the second.
 
     Args:
         before: a judge that has accepted neither.
@@ -166,9 +174,14 @@ def _both(before: Judge, couple: pairs.Couple) -> tuple[Judge, list[Cause]]:
     alone = other.accept(other.refitted(last.claim))
     claims = _further(other, [last._replace(claim=alone)])
     mine = alias(first.hypothesis, len(judge.joints))
-    best = next((c for c in claims if _same(c, first, mine)), first)
-    found = _weighed(other, best, claims)
-    return judge, [found._replace(claim=judge.accepted[len(before.accepted)]), last]
+    same = [c for c in claims if _same(c, first, mine)]
+    if not same:
+        return judge, []
+    best = min(same, key=lambda c: c.hypothesis.cause != first.hypothesis.cause)
+    found, name = _weighed(other, best, claims), first.hypothesis.cause
+    equivalent = sorted({*found.equivalent, best.hypothesis.cause} - {name})
+    kept = judge.accepted[len(before.accepted)]
+    return judge, [found._replace(claim=kept, equivalent=equivalent), last]
 
 
 def _exchanged(

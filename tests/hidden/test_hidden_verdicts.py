@@ -19,7 +19,6 @@ CASES = {
         {"mix": {"single": 1.0}, "causes": ["viscous_friction"]},
     ),
     "backlash": (3, "arm_servo", {"mix": {"single": 1.0}, "causes": ["backlash"]}),
-    "pair": (1, "arm_two", {"mix": {"pair": 1.0}, "least": 3.0}),
     "null": (1, "arm_servo", {"mix": {"null": 1.0}}),
     "outside": (1, "arm_servo", {"mix": {"outside": 1.0}}),
 }
@@ -50,6 +49,7 @@ def test_the_verdict_is_true(answered):
     found = {tuple(row["where"]): row["cause"] for row in told["causes"]}
     hidden = {tuple(cause["where"]): cause["cause"] for cause in truth["causes"]}
     if truth["verdict"] != "unknown":
+        assert len(told["causes"]) == len(truth["causes"])
         assert found.keys() == hidden.keys()
         for where, name in found.items():
             assert name in truth["accepted"][hidden[where]]
