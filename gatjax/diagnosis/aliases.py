@@ -25,14 +25,15 @@ def alias(hypothesis: Hypothesis, joints: int) -> frozenset[str]:
     return frozenset({hypothesis.cause})
 
 
+def covered(hypothesis: Hypothesis, joints: int) -> frozenset[str]:
+    """The causes that say nothing new beside a hypothesis: its aliases, and parts."""
+    return alias(hypothesis, joints) | COVERED.get(hypothesis.cause, frozenset())
+
+
 def again(claim: Claim, told: Sequence[Claim], joints: int) -> bool:
     """Whether a claim repeats a cause, or its alias, where it is known already."""
-
-    def covered(known: Claim) -> frozenset[str]:
-        more = COVERED.get(known.hypothesis.cause, frozenset())
-        return alias(known.hypothesis, joints) | more
-
     return any(
-        claim.hypothesis.cause in covered(known) and set(claim.where) & set(known.where)
+        claim.hypothesis.cause in covered(known.hypothesis, joints)
+        and set(claim.where) & set(known.where)
         for known in told
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from gatjax.diagnosis import drops, search
-from gatjax.diagnosis.aliases import COVERED, again, alias
+from gatjax.diagnosis.aliases import again, alias, covered
 from gatjax.diagnosis.bank import CAUSES
 from gatjax.diagnosis.case import mapped
 from gatjax.diagnosis.claims import LATER, WHOLE, Claim
@@ -88,8 +88,7 @@ def _total(judge: Judge, first: Claim, index: int) -> float:
         commands = judge.case.commands(index)
         joint = drops.with_commands(joint, commands, first.lost[index])
     count = len(judge.joints)
-    never = {*alias(first.hypothesis, count), *COVERED.get(first.hypothesis.cause, ())}
-    never |= set(WHOLE) if count > 1 else set()
+    never = covered(first.hypothesis, count) | set(WHOLE if count > 1 else ())
     bank = tuple(h for h in CAUSES if h.cause not in never)
     found = search.explain(joint, first.fits[index], bank)
     return max(judge.score(index, fit, joint) for fit in found)
