@@ -122,6 +122,27 @@ def test_two_causes_that_explain_as_much_replace_three(told):
     assert told(script, set(three)) == ("named", three)
 
 
+def test_two_causes_replace_three_that_explain_the_joint_as_well(told, monkeypatch):
+    script = {
+        "": {"payload": 120.0, "tilt": 70.0},
+        "payload": {"gain": 200.0}, "gain": {"payload": 100.0},
+        "gain+payload": {"friction": 80.0},
+        "tilt": {"friction": 300.0}, "friction": {"tilt": 250.0},
+    }  # fmt: skip
+    monkeypatch.setattr(verdict, "adequate", lambda judge, index: True)
+    assert told(script, set()) == ("named", ["friction", "tilt"])
+
+
+def test_a_law_beside_a_cause_that_gave_way_is_forgotten(told):
+    script = {
+        "": {"armature": 130.0, "elastic": 110.0, "delay": 70.0},
+        "armature": {LAW: 40.0},
+        "elastic": {"delay": 150.0},
+        "delay": {"elastic": 190.0},
+    }
+    assert told(script, {"elastic", "delay"}) == ("named", ["delay", "elastic"])
+
+
 def test_a_cause_that_comes_and_goes_ends(told, monkeypatch):
     dropped = lambda judge, causes, fresh: (fresh, causes[1:])  # noqa: E731
     monkeypatch.setattr(verdict, "_exchanged", dropped)
