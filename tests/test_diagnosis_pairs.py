@@ -64,11 +64,12 @@ def told(monkeypatch):
             module, "whole", lambda judge, claim: bool(claim.hypothesis.cause)
         )
 
-    def total(judge, first, joint):
-        beside = judge.script.get(first.hypothesis.cause, {LAW: 0.0})
-        return first.gain + max(beside.values())
+    def beside(judge, first, joint):
+        others = judge.script.get(first.hypothesis.cause, {LAW: 0.0})
+        return first._replace(gain=first.gain + max(others.values()))
 
-    monkeypatch.setattr(pairs, "_total", total)
+    monkeypatch.setattr(pairs, "_beside", beside)
+    monkeypatch.setattr(pairs, "explained", lambda judge, claim: 0.5)
     monkeypatch.setattr(
         verdict, "adequate", lambda judge, index: set(judge.names) == judge.right
     )
@@ -96,6 +97,16 @@ def test_two_causes_that_explain_less_than_an_unnamed_law_are_not_told(told):
         "": {LAW: 300.0, "scale": 60.0, "offset": 25.0},
         "scale": {"offset": 200.0}, "offset": {"scale": 240.0},
     }  # fmt: skip
+    assert told(script, {"scale", "offset"}) == ("unknown", [])
+
+
+def test_two_causes_that_leave_most_of_a_misfit_are_not_looked_into(told, monkeypatch):
+    script = {
+        "": {LAW: 300.0, "scale": 60.0, "offset": 25.0},
+        "scale": {"offset": 270.0}, "offset": {"scale": 310.0},
+    }  # fmt: skip
+    assert told(script, {"scale", "offset"}) == ("named", ["offset", "scale"])
+    monkeypatch.setattr(pairs, "explained", lambda judge, claim: 0.3)
     assert told(script, {"scale", "offset"}) == ("unknown", [])
 
 

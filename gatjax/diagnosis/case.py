@@ -26,6 +26,7 @@ from gatjax.robot.model import joint_names
 PASSES, RESTS = 3, 3.0  # over the loads of the fitted motion; nats that end them
 PULLS = (10.0, 30.0)  # 1/s, of a pulled joint towards its measured motion
 THREADS = os.cpu_count() or 1
+LED_ASTRAY = 5.0  # times the noise that a fit leaves: loads along its motion are worse
 
 
 @runtime_checkable
@@ -263,13 +264,18 @@ def pulled(case: Case, drawn: dict[int, float]) -> Case:
 def _resimulated(
     runs: list[JointRun], ready: list[Joint], fits: list[Fit]
 ) -> list[motions.Motion]:
-    """Motions of the fitted joints, corrected by what the fits leave."""
+    """Motions of the fitted joints, corrected by what the fits leave.
+
+    Those of joints that a fit leads far astray are the measured ones, smoothed.
+    """
     angles, rests = [], []
     for joint, fit in zip(ready, fits, strict=True):
         drive = numbers(joint, fit.hypothesis, fit.x)
         outcome = joint.outcome([drive], fit.geared)
-        angles.append(np.asarray(outcome.angle)[:: motions.FINE, :, 0])
-        rests.append(joint.measured - np.asarray(outcome.readings)[..., 0])
+        trusted = float(fit.rms() < LED_ASTRAY * joint.noise)
+        angle = np.asarray(outcome.angle)[:: motions.FINE, :, 0]
+        angles.append(trusted * angle)
+        rests.append(joint.measured - trusted * np.asarray(outcome.readings)[..., 0])
     fine = motions.grid_time(runs, STEP)[:: motions.FINE]
     fast, rest = np.stack(angles, -1), np.stack(rests, -1)
     return [

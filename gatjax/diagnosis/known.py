@@ -13,7 +13,7 @@ from gatjax.diagnosis import case as cases
 from gatjax.diagnosis import drops, search
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.case import Case, along, mapped
-from gatjax.diagnosis.claims import Claim, shared_value, uncertainty
+from gatjax.diagnosis.claims import BODY, Claim, shared_value, uncertainty
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined, pinned
 from gatjax.diagnosis.joint import Joint
@@ -22,6 +22,8 @@ ASTRAY = 3.5  # times the noise that the best explanation leaves: look again
 PARTED = 1.7  # the same with a gap, which parts any two runs
 GAP = "backlash"
 CHANGED = 3.0  # nats: a joint whose evidence changed less keeps its fits
+SEVERAL = 3  # joints of a claim, of which one may have a cause of its own besides
+ODD = 2.0  # times what the next worst of them leaves, that this one leaves
 SETTLING = 3  # iterations in which joints settle on a value
 REFITTING = 12  # iterations of a claim beside something else
 PASSES = 6  # over the loads that a new claim makes, at most
@@ -60,6 +62,7 @@ class Known:
         self.accepted.append(claim)
         for index, fit in claim.fits.items():
             self.known[index] = fit
+        self.joints = self.altered(self.case)
         held = set(drawn) & set(claim.fits)
         state = self.case, self.joints, list(self.known)
         self._draw(dict.fromkeys(held, 0.0))
@@ -95,15 +98,16 @@ class Known:
             claim: to settle, accepted already.
             prior: what was known about each joint before it.
         """
-        every = range(len(self.joints))
+        every, odd = range(len(self.joints)), self._odd(claim.fits)
+        heard = [k for k in every if k != odd]
         for _ in range(PASSES if len(self.joints) > 1 else 0):
             old = claim, self.case, self.joints, self.known
-            total = self.evidence()
+            total = sum(map(self._evidence, heard))
             self.case = along(self.case, self.joints, self.known)
             self.joints = self.altered(self.case)
             self.known = mapped(self._again, every)
-            claim = self._agreed(claim, prior)
-            better = self.evidence() - total
+            claim = self._agreed(claim, prior, odd)
+            better = sum(map(self._evidence, heard)) - total
             if better < -CHANGED:
                 claim, self.case, self.joints, self.known = old
             self.accepted[-1] = claim
@@ -111,8 +115,8 @@ class Known:
                 break
         return claim
 
-    def _agreed(self, claim: Claim, prior: list[Fit]) -> Claim:
-        """A claim at the value that its joints agree on now."""
+    def _agreed(self, claim: Claim, prior: list[Fit], odd: int | None) -> Claim:
+        """A claim at the value that its joints agree on now, all but an odd one."""
         count = len(claim.own)
         if not count:
             return claim
@@ -132,15 +136,28 @@ class Known:
             return advanced(index, claim.hypothesis, x)
 
         found = dict(zip(claim.fits, mapped(free, claim.fits), strict=True))
-        own = shared_value(list(found.values()), count)
+
+        heard = [fit for k, fit in found.items() if k != odd]
+        own = shared_value(heard, count)
         own = np.clip(own, claim.hypothesis.low, claim.hypothesis.high)
-        sure = uncertainty(list(found.values()), count)
         same = pinned(claim.hypothesis, own)
-        settled = mapped(lambda k: advanced(k, same, found[k].x[:-count]), claim.fits)
-        for index, fit in zip(claim.fits, settled, strict=True):
+        every = mapped(lambda k: advanced(k, same, found[k].x[:-count]), found)
+        settled = dict(zip(found, every, strict=True))
+        sure = uncertainty(heard, count)
+        for index, fit in settled.items():
             self.known[index] = fit
-        kept = {k: self.known[k] for k in claim.fits}
-        return claim._replace(own=own, fits=kept, covariance=sure)
+        return claim._replace(own=own, fits=settled, covariance=sure)
+
+    def _odd(self, found: dict[int, Fit]) -> int | None:
+        """The joint that an agreed value suits badly, where it suits the others.
+
+        It has a cause of its own besides, and no say in what the others agree on.
+        """
+        left = {k: fit.rms() / self.joints[k].noise for k, fit in found.items()}
+        if len(left) < SEVERAL:
+            return None
+        *_, second, worst = sorted(left, key=lambda k: left[k])
+        return worst if left[worst] > max(ASTRAY, ODD * left[second]) else None
 
     def fork(self: Mine) -> Mine:
         """The same, but it may accept another claim."""
@@ -212,6 +229,20 @@ class Known:
             return min(first, key=lambda fit: fit.cost)
 
         return claim._replace(fits={k: one(k) for k in claim.fits})
+
+    def carried(self, claim: Claim) -> Claim:
+        """A claim about one joint's link as one that all joints that carry it bear.
+
+        It has to be refitted. Another claim stays as it is.
+        """
+        if claim.hypothesis.cause not in BODY or claim.body is not None:
+            return claim
+        (body,) = claim.where
+        every = range(len(self.joints))
+        bearers = [k for k in every if body in self.case.moved_by(k)]
+        if len(bearers) == 1:
+            return claim
+        return claim._replace(body=body, fits=dict.fromkeys(bearers, claim.fits[body]))
 
     def evidence(self) -> float:
         """Nats of what is known, all joints together."""

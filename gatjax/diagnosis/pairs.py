@@ -9,7 +9,7 @@ from gatjax.diagnosis.aliases import again, alias, covered
 from gatjax.diagnosis.bank import CAUSES
 from gatjax.diagnosis.case import mapped
 from gatjax.diagnosis.claims import LATER, WHOLE, Claim
-from gatjax.diagnosis.findings import whole, worth_naming
+from gatjax.diagnosis.findings import LEAST_SHARE, explained, whole, worth_naming
 from gatjax.diagnosis.judge import Judge
 
 TRIED = 4  # causes that are taken for the first of two
@@ -45,7 +45,7 @@ def couple(judge: Judge, claims: list[Claim], joint: int) -> Couple | None:
     """The two named causes that explain a joint best, if there are any.
 
     The best ones of that joint alone are taken for the first, and the whole bank is
-    tried beside each; what the best one of these leaves is then judged as ever.
+    tried beside each; where two explain most of its misfit, they are judged as ever.
 
     Args:
         judge: what is known.
@@ -56,9 +56,10 @@ def couple(judge: Judge, claims: list[Claim], joint: int) -> Couple | None:
     firsts = _firsts(claims, joint, count)
     if not firsts:
         return None
-    totals = mapped(lambda claim: _total(judge, claim, joint), firsts)
-    order = sorted(range(len(firsts)), key=lambda n: -totals[n])
-    for first in (firsts[n] for n in order[:JUDGED]):
+    beside = mapped(lambda claim: _beside(judge, claim, joint), firsts)
+    order = sorted(range(len(firsts)), key=lambda n: -beside[n].gain)
+    enough = [n for n in order if explained(judge, beside[n]) >= LEAST_SHARE]
+    for first in (firsts[n] for n in enough[:JUDGED]):
         trial = judge.fork()
         known = trial.accept(first)
         left = [c for c in trial.claims() if not again(c, [known], count)]
@@ -79,8 +80,8 @@ def _firsts(claims: list[Claim], joint: int, count: int) -> list[Claim]:
     return list(out.values())[:TRIED]
 
 
-def _total(judge: Judge, first: Claim, index: int) -> float:
-    """Nats that a cause explains at a joint with the best one beside it."""
+def _beside(judge: Judge, first: Claim, index: int) -> Claim:
+    """A cause with the best fit, and nats, of another one beside it at a joint."""
     joint = judge.joints[index]
     if first.body is not None:
         joint = judge.case.carrying(index, first.body)
@@ -91,4 +92,5 @@ def _total(judge: Judge, first: Claim, index: int) -> float:
     never = covered(first.hypothesis, count) | set(WHOLE if count > 1 else ())
     bank = tuple(h for h in CAUSES if h.cause not in never)
     found = search.explain(joint, first.fits[index], bank)
-    return max(judge.score(index, fit, joint) for fit in found)
+    best = max(found, key=lambda fit: judge.score(index, fit, joint))
+    return first._replace(gain=judge.score(index, best, joint), fits={index: best})

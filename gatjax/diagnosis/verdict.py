@@ -66,7 +66,7 @@ def conclude(judge: Judge) -> Verdict:
         return decide(judge)
     verdict = decide(type(judge)(case, judge.tell))
     spent = max(float(fit.x[:COUNT] @ fit.x[:COUNT]) for fit in verdict.judge.known)
-    if verdict.causes or spent < STRAINED:
+    if verdict.causes or verdict.law is not None or spent < STRAINED:
         return verdict
     other = decide(judge)
     better = other.judge.evidence() - verdict.judge.evidence() > LATER
@@ -187,21 +187,25 @@ def _both(before: Judge, couple: pairs.Couple) -> tuple[Judge, list[Cause]]:
 def _exchanged(
     judge: Judge, causes: list[Cause], fresh: Judge
 ) -> tuple[Judge, list[Cause]]:
-    """Two causes that share a joint, the first one looked for again beside the second.
+    """Two causes that share a joint, one of them looked for again beside the other.
 
-    What explains most alone need not be there once the other one is known.
+    What explains most alone need not be there once the other one is known. What a link
+    carries, more joints bear than it may have been named at.
 
     Args:
         judge: has accepted both.
         causes: the two.
         fresh: a judge that has accepted none.
     """
-    first, second = causes[0].claim, causes[1].claim
-    told = len(second.own) or second.lost
-    if not (set(first.fits) & set(second.fits) and told):
+    for other, kept in (causes, causes[::-1]):
+        first, alone = other.claim, fresh.carried(kept.claim)
+        told = len(alone.own) or alone.lost
+        shared = set(first.fits) & set(alone.fits)
+        if told and shared and (kept is causes[1] or alone.body != kept.claim.body):
+            break
+    else:
         return judge, causes
-    alone = fresh.accept(fresh.refitted(second))
-    kept = causes[1]._replace(claim=alone)
+    kept = kept._replace(claim=fresh.accept(fresh.refitted(alone)))
     claims = _further(fresh, [kept])
     best = next((c for c in claims if worth_naming(fresh, c)), None)
     name = frozenset({first.hypothesis.cause})

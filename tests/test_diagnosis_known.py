@@ -1,0 +1,101 @@
+"""What a judge makes of a claim that it accepts."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from test_diagnosis_plant import COUNT, LEAD, STEP, joint, wave
+
+from gatjax.data.trajectories import JointRun
+from gatjax.diagnosis import case as cases
+from gatjax.diagnosis import fit as fits
+from gatjax.diagnosis.claims import Claim
+from gatjax.diagnosis.fit import Fit
+from gatjax.diagnosis.hypotheses import COUNT as TOLERANCES
+from gatjax.diagnosis.hypotheses import Hypothesis
+from gatjax.diagnosis.known import ODD, Known
+
+
+def fit(rms=1.0):
+    empty = np.zeros((1, 1))
+    residual = np.full(4, rms)
+    return Fit(None, np.zeros(1), 0.0, residual, empty, np.eye(1), 1e-2, False)
+
+
+def claim(cause, found):
+    hypothesis = Hypothesis(
+        cause, "", lambda *_: None, (), (), (), (), lambda *_: {}
+    )  # fmt: skip
+    return Claim(hypothesis, np.zeros(1), tuple(found), found, 100.0)
+
+
+class Arm(Known):
+    """Three joints with a noise of 1, of which the first carries links 1 and 2."""
+
+    def __init__(self, pulled=()):
+        self.joints = [SimpleNamespace(noise=1.0, carries=None) for _ in range(3)]
+        self.case = SimpleNamespace(
+            pulled=dict.fromkeys(pulled, 10.0),
+            moved_by=lambda k: [k, *range(k + 1, 3)],
+        )
+        self.known, self.found, self.accepted = [fit()] * 3, {}, []
+
+    def altered(self, case):
+        carries = self.accepted[-1].body if self.accepted else None
+        return [SimpleNamespace(noise=1.0, carries=carries) for _ in range(3)]
+
+    def _draw(self, rates):
+        self.case = SimpleNamespace(pulled={}, moved_by=self.case.moved_by)
+        self.joints = self.altered(self.case)
+        self.known = [fit(9.0)] * 3  # they go astray if they are let go
+
+    def _settled(self, claim, prior):
+        return claim
+
+    def _evidence(self, index):
+        return 0.0
+
+
+def test_joints_that_stay_drawn_carry_what_was_accepted():
+    arm = Arm(pulled=[0])
+    found = claim("payload", {0: fit(), 1: fit()})._replace(body=1, where=(1,))
+    arm.accept(found)
+    assert arm.case.pulled == {0: 10.0}
+    assert [one.carries for one in arm.joints] == [1, 1, 1]
+
+
+def test_all_joints_that_carry_a_link_bear_what_it_carries():
+    whole = Arm().carried(claim("payload", {1: fit()}))
+    assert (whole.body, whole.where, sorted(whole.fits)) == (1, (1,), [0, 1])
+    first = claim("payload", {0: fit()})
+    assert Arm().carried(first) is first
+    other = claim("gain_error", {1: fit()})
+    assert Arm().carried(other) is other
+
+
+@pytest.mark.parametrize(
+    ("left", "odd"),
+    [((1.0, 2.0, 9.0), 2), ((1.0, 9.0, 6.0), None), ((1.0, 1.0, 3.0), None)],
+)
+def test_a_joint_with_a_cause_of_its_own_has_no_say(left, odd):
+    assert ODD == pytest.approx(2.0)
+    found = {k: fit(rms) for k, rms in enumerate(left)}
+    assert Arm()._odd(found) == odd
+    assert Arm()._odd({k: found[k] for k in (0, 2)}) is None
+
+
+def test_a_fit_that_leads_far_astray_does_not_make_the_motion(monkeypatch):
+    grid = (np.arange(COUNT) - LEAD) * STEP
+    monkeypatch.setattr(cases.motions, "grid_time", lambda runs, step: grid)
+    plain = joint(wave)
+    stamps = plain.time[0]
+    run = JointRun(0, stamps, 0.0 * stamps[:, None], 0.0 * stamps[:, None])
+    point = None, np.zeros(TOLERANCES)
+    wrong = fits.start(plain, [point])[0]  # the joint was measured at rest
+    (motion,) = cases._resimulated([run], [plain], [wrong])
+    assert np.abs(motion.position).max() < 1e-12
+    seen = -fits.residuals(plain, [point]).reshape(1, -1)
+    moved = plain._replace(measured=seen)
+    right = fits.start(moved, [point])[0]
+    (motion,) = cases._resimulated([run], [moved], [right])
+    assert np.abs(motion.position).max() > 0.2
