@@ -27,6 +27,7 @@ def test_a_joint_starts_where_its_encoder_says_what_was_measured(tmp_path, loop)
     run = JointRun(0, TIME, COMMAND, 0.0 * COMMAND)
     run = run._replace(angle=measure.whole_log(askew, [run])[0])
     cut = measure.windows([run], PERIOD)
+    assert cut is not None
     played = measure.windowed(askew, cut, PERIOD)
     for horizon in measure.HORIZONS:
         error = measure.window_errors(cut, played, horizon, PERIOD).rmse()
