@@ -32,7 +32,8 @@ def claim(cause, found):
 class Arm(Known):
     """Three joints with a noise of 1, of which the first carries links 1 and 2."""
 
-    def __init__(self, pulled=()):
+    def __init__(self, pulled=(), astray=9.0):
+        self.astray = astray  # that joints go, times the noise, if they are let go
         self.joints = [SimpleNamespace(noise=1.0, carries=None) for _ in range(3)]
         self.case = SimpleNamespace(
             pulled=dict.fromkeys(pulled, 10.0),
@@ -45,9 +46,11 @@ class Arm(Known):
         return [SimpleNamespace(noise=1.0, carries=carries) for _ in range(3)]
 
     def _draw(self, rates):
-        self.case = SimpleNamespace(pulled={}, moved_by=self.case.moved_by)
+        pulled = {k: rate for k, rate in (self.case.pulled | rates).items() if rate}
+        self.case = SimpleNamespace(pulled=pulled, moved_by=self.case.moved_by)
         self.joints = self.altered(self.case)
-        self.known = [fit(9.0)] * 3  # they go astray if they are let go
+        free = {k: self.astray for k in rates if k not in pulled}
+        self.known = [fit(free.get(k, 1.0)) for k in range(3)]
 
     def _settled(self, claim, prior):
         return claim
@@ -62,6 +65,13 @@ def test_joints_that_stay_drawn_carry_what_was_accepted():
     arm.accept(found)
     assert arm.case.pulled == {0: 10.0}
     assert [one.carries for one in arm.joints] == [1, 1, 1]
+
+
+@pytest.mark.parametrize(("left", "drawn"), [(9.0, {0: 10.0}), (2.0, {})])
+def test_a_joint_without_a_cause_is_let_go_if_it_can_be_followed(left, drawn):
+    arm = Arm(pulled=[0], astray=left)
+    arm.accept(claim("gain_error", {1: fit()}))
+    assert arm.case.pulled == drawn
 
 
 def test_all_joints_that_carry_a_link_bear_what_it_carries():

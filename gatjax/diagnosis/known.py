@@ -74,11 +74,22 @@ class Known:
             self.case, self.joints, self.known = state
             free = self._settled(claim, prior)
         claim = free
+        self._let_go()
         for index, old in enumerate(before):
             moved = abs(self._evidence(index) - old) > CHANGED
             if moved or index in claim.fits:
                 self.found.pop(index, None)
         return claim
+
+    def _let_go(self) -> None:
+        """Stop drawing joints without a cause that by now can be followed without."""
+        named = {k for claim in self.accepted for k in claim.fits}
+        idle = {k: rate for k, rate in self.case.pulled.items() if k not in named}
+        if not idle:
+            return
+        self._draw(dict.fromkeys(idle, 0.0))
+        left = {k: self.known[k].rms() / self.joints[k].noise for k in idle}
+        self._draw({k: rate for k, rate in idle.items() if left[k] > ASTRAY})
 
     def _draw(self, rates: dict[int, float]) -> None:
         """Draw joints to their measured motion at other rates, 1/s; 0: not at all."""
