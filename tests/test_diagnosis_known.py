@@ -9,6 +9,7 @@ from test_diagnosis_plant import COUNT, LEAD, STEP, joint, wave
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import case as cases
 from gatjax.diagnosis import fit as fits
+from gatjax.diagnosis import known
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT as TOLERANCES
@@ -92,6 +93,21 @@ def test_a_joint_with_a_cause_of_its_own_has_no_say(left, odd):
     found = {k: fit(rms) for k, rms in enumerate(left)}
     assert Arm()._odd(found) == odd
     assert Arm()._odd({k: found[k] for k in (0, 2)}) is None
+
+
+def test_the_others_agree_without_a_joint_that_is_odd(monkeypatch):
+    heard = []
+    monkeypatch.setattr(known, "combined", lambda first, newest: newest)
+    monkeypatch.setattr(known.fits, "start", lambda joint, points: [fit()])
+    monkeypatch.setattr(known.fits, "improve", lambda joint, found, rounds: found)
+    monkeypatch.setattr(known, "uncertainty", lambda found, count: None)
+    agreed = lambda found, count: heard.append(len(found)) or np.zeros(1)  # noqa: E731
+    monkeypatch.setattr(known, "shared_value", agreed)
+    many = claim("gain_error", {k: fit() for k in range(3)})
+    many = many._replace(hypothesis=many.hypothesis._replace(low=(-1.0,), high=(1.0,)))
+    settled = Arm()._agreed(many, [fit()] * 3, 2)
+    Arm()._agreed(many, [fit()] * 3, None)
+    assert heard == [2, 3] and sorted(settled.fits) == [0, 1, 2]
 
 
 def test_a_fit_that_leads_far_astray_does_not_make_the_motion(monkeypatch):

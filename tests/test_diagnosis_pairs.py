@@ -187,6 +187,18 @@ def test_sizes_are_those_beside_what_was_accepted_later():
     assert now.covariance > judge.current(old._replace(hypothesis=second)).covariance
 
 
+def test_a_joint_of_a_cause_of_many_may_have_a_cause_of_its_own(monkeypatch):
+    monkeypatch.setattr(Judge, "visibility", lambda judge, claim: 1.0)
+    judge = Scripted({}, set())
+    judge.case.healthy = [fit(9.0)] * 3
+    judge.known, judge.joints = [fit(3.0)] * 3, [SimpleNamespace(noise=NOISE)] * 3
+    second = claim("delay", fits={0: fit(2.0)})  # explains 0.65 of the rest
+    judge.accepted = [claim("payload", fits={0: fit(3.0)})]
+    assert not findings.worth_naming(judge, second)
+    judge.accepted = [claim("payload", fits=dict.fromkeys(range(3), fit(3.0)))]
+    assert findings.worth_naming(judge, second)
+
+
 def test_one_of_several_joints_may_have_a_cause_of_its_own_besides():
     judge = Scripted({}, set())
     judge.known = [fit(8.0), fit(8.0), fit(50.0)]

@@ -89,6 +89,22 @@ def test_lost_commands_are_looked_at_alone_though_they_have_no_size(named):
     assert named(Told({"": -50.0}), alone, second) == ["elastic"]
 
 
+def test_a_cause_of_the_joint_that_carries_a_link_is_looked_for_again(named):
+    load = claim("payload")._replace(where=(1,), fits={1: FIT})
+    second = verdict.Cause(load, 0.9, [], [])
+    judge = Told({"": 0.0})
+    fresh = Told({"payload+friction": 20.0}, [claim("friction")])
+    fresh.joints = [None, None]
+    fresh.case.moved_by = lambda k: [k, *range(k + 1, 2)]
+    assert named(judge, fresh, second) == ["payload", "friction"]
+    first = verdict.Cause(claim("gain"), 0.9, [], [])
+    again = Told({"payload+friction": 20.0}, [claim("friction")])
+    again.joints, again.case = fresh.joints, fresh.case
+    chosen, found = verdict._exchanged(judge, [second, first], again)
+    assert chosen is again
+    assert [cause.claim.body for cause in found] == [1, None]
+
+
 @pytest.mark.parametrize("first, second, covered", [
     ("payload", "com_shift", True),  # it is a payload beside the centre of mass
     ("com_shift", "payload", False),
@@ -124,12 +140,13 @@ def concluded(monkeypatch):
         answers = {"measured": measured, "settled": settled}
 
         def decide(judge):
-            names, nats, drawn = answers[judge.case.name]
+            names, nats, drawn, *law = answers[judge.case.name]
             found = [verdict.Cause(claim(n), 1.0, [], []) for n in names]
             side = Told({"": nats}, pulled=drawn)
             x = np.full(verdict.COUNT, np.sqrt(strain / verdict.COUNT))
             side.known = [FIT._replace(x=x)]
-            return verdict.Verdict("named", found, [], None, [], side)
+            best = claim(law[0]) if law else None
+            return verdict.Verdict("named", found, [], best, [], side)
 
         monkeypatch.setattr(verdict, "decide", decide)
         monkeypatch.setattr(verdict.cases, "settled", lambda case, tell: second)
@@ -155,6 +172,10 @@ def test_a_cause_that_tolerances_hide(concluded, measured, strain, expected):
 
 def test_a_cause_on_settled_loads_is_not_looked_for_elsewhere(concluded):
     assert concluded((["limit"], 50.0, []), (["delay"], 0.0, []), 60.0) == ["delay"]
+
+
+def test_an_unnamed_law_on_settled_loads_is_not_a_cause_elsewhere(concluded):
+    assert concluded((["limit"], 50.0, []), ([], 0.0, [], "spring"), 60.0) == []
 
 
 def test_loads_that_do_not_follow_are_looked_at_once(concluded):
