@@ -4,51 +4,36 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from test_diagnosis_pairs import NOISE, claim, fit
 from test_diagnosis_plant import COUNT, LEAD, STEP, joint, wave
 
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import case as cases
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis import known
-from gatjax.diagnosis.claims import Claim
-from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT as TOLERANCES
-from gatjax.diagnosis.hypotheses import Hypothesis
 from gatjax.diagnosis.known import ODD, Known
 
 
-def fit(rms=1.0):
-    empty = np.zeros((1, 1))
-    residual = np.full(4, rms)
-    return Fit(None, np.zeros(1), 0.0, residual, empty, np.eye(1), 1e-2, False)
-
-
-def claim(cause, found):
-    hypothesis = Hypothesis(
-        cause, "", lambda *_: None, (), (), (), (), lambda *_: {}
-    )  # fmt: skip
-    return Claim(hypothesis, np.zeros(1), tuple(found), found, 100.0)
-
-
 class Arm(Known):
-    """Three joints with a noise of 1, of which the first carries links 1 and 2."""
+    """Three joints of NOISE, of which the first carries links 1 and 2."""
 
     def __init__(self, pulled=(), astray=9.0):
         self.astray = astray  # that joints go, times the noise, if they are let go
-        self.joints = [SimpleNamespace(noise=1.0, carries=None) for _ in range(3)]
+        self.joints = [SimpleNamespace(noise=NOISE, carries=None) for _ in range(3)]
         self.case = SimpleNamespace(
             pulled=dict.fromkeys(pulled, 10.0),
-            moved_by=lambda k: [k, *range(k + 1, 3)],
+            bearers=lambda body: [0, body] if body else [0],
         )
-        self.known, self.found, self.accepted = [fit()] * 3, {}, []
+        self.known, self.found, self.accepted = [fit(1.0)] * 3, {}, []
 
     def altered(self, case):
         carries = self.accepted[-1].body if self.accepted else None
-        return [SimpleNamespace(noise=1.0, carries=carries) for _ in range(3)]
+        return [SimpleNamespace(noise=NOISE, carries=carries) for _ in range(3)]
 
     def _draw(self, rates):
         pulled = {k: rate for k, rate in (self.case.pulled | rates).items() if rate}
-        self.case = SimpleNamespace(pulled=pulled, moved_by=self.case.moved_by)
+        self.case = SimpleNamespace(pulled=pulled, bearers=self.case.bearers)
         self.joints = self.altered(self.case)
         free = {k: self.astray for k in rates if k not in pulled}
         self.known = [fit(free.get(k, 1.0)) for k in range(3)]
@@ -62,7 +47,9 @@ class Arm(Known):
 
 def test_joints_that_stay_drawn_carry_what_was_accepted():
     arm = Arm(pulled=[0])
-    found = claim("payload", {0: fit(), 1: fit()})._replace(body=1, where=(1,))
+    found = claim("payload", fits={0: fit(1.0), 1: fit(1.0)})._replace(
+        body=1, where=(1,)
+    )
     arm.accept(found)
     assert arm.case.pulled == {0: 10.0}
     assert [one.carries for one in arm.joints] == [1, 1, 1]
@@ -71,16 +58,16 @@ def test_joints_that_stay_drawn_carry_what_was_accepted():
 @pytest.mark.parametrize(("left", "drawn"), [(9.0, {0: 10.0}), (2.0, {})])
 def test_a_joint_without_a_cause_is_let_go_if_it_can_be_followed(left, drawn):
     arm = Arm(pulled=[0], astray=left)
-    arm.accept(claim("gain_error", {1: fit()}))
+    arm.accept(claim("gain_error", fits={1: fit(1.0)}))
     assert arm.case.pulled == drawn
 
 
 def test_all_joints_that_carry_a_link_bear_what_it_carries():
-    whole = Arm().carried(claim("payload", {1: fit()}))
+    whole = Arm().carried(claim("payload", fits={1: fit(1.0)}))
     assert (whole.body, whole.where, sorted(whole.fits)) == (1, (1,), [0, 1])
-    first = claim("payload", {0: fit()})
+    first = claim("payload", fits={0: fit(1.0)})
     assert Arm().carried(first) is first
-    other = claim("gain_error", {1: fit()})
+    other = claim("gain_error", fits={1: fit(1.0)})
     assert Arm().carried(other) is other
 
 
@@ -98,15 +85,15 @@ def test_a_joint_with_a_cause_of_its_own_has_no_say(left, odd):
 def test_the_others_agree_without_a_joint_that_is_odd(monkeypatch):
     heard = []
     monkeypatch.setattr(known, "combined", lambda first, newest: newest)
-    monkeypatch.setattr(known.fits, "start", lambda joint, points: [fit()])
+    monkeypatch.setattr(known.fits, "start", lambda joint, points: [fit(1.0)])
     monkeypatch.setattr(known.fits, "improve", lambda joint, found, rounds: found)
     monkeypatch.setattr(known, "uncertainty", lambda found, count: None)
     agreed = lambda found, count: heard.append(len(found)) or np.zeros(1)  # noqa: E731
     monkeypatch.setattr(known, "shared_value", agreed)
-    many = claim("gain_error", {k: fit() for k in range(3)})
+    many = claim("gain_error", fits={k: fit(1.0) for k in range(3)})
     many = many._replace(hypothesis=many.hypothesis._replace(low=(-1.0,), high=(1.0,)))
-    settled = Arm()._agreed(many, [fit()] * 3, 2)
-    Arm()._agreed(many, [fit()] * 3, None)
+    settled = Arm()._agreed(many, [fit(1.0)] * 3, 2)
+    Arm()._agreed(many, [fit(1.0)] * 3, None)
     assert heard == [2, 3] and sorted(settled.fits) == [0, 1, 2]
 
 

@@ -13,6 +13,12 @@ from gatjax.diagnosis.judge import Judge
 
 LAW = ""  # a claim without a name
 NOISE = 1e-3
+THREE = {  # one after the other, where two explain as much
+    "": {"payload": 120.0, "tilt": 70.0},
+    "payload": {"gain": 200.0}, "gain": {"payload": 100.0},
+    "gain+payload": {"friction": 80.0},
+    "tilt": {"friction": 300.0}, "friction": {"tilt": 250.0},
+}  # fmt: skip
 
 
 def fit(rms):
@@ -121,27 +127,15 @@ def test_a_first_cause_that_explains_too_little_gives_way_to_two_others(told):
 
 
 def test_two_causes_that_explain_as_much_replace_three(told):
-    script = {
-        "": {"payload": 120.0, "tilt": 70.0},
-        "payload": {"gain": 200.0}, "gain": {"payload": 100.0},
-        "gain+payload": {"friction": 80.0},
-        "tilt": {"friction": 300.0}, "friction": {"tilt": 250.0},
-    }  # fmt: skip
     right = {"tilt", "friction"}
-    assert told(script, right) == ("named", ["friction", "tilt"])
+    assert told(THREE, right) == ("named", ["friction", "tilt"])
     three = ["friction", "gain", "payload"]
-    assert told(script, set(three)) == ("named", three)
+    assert told(THREE, set(three)) == ("named", three)
 
 
 def test_two_causes_replace_three_that_explain_the_joint_as_well(told, monkeypatch):
-    script = {
-        "": {"payload": 120.0, "tilt": 70.0},
-        "payload": {"gain": 200.0}, "gain": {"payload": 100.0},
-        "gain+payload": {"friction": 80.0},
-        "tilt": {"friction": 300.0}, "friction": {"tilt": 250.0},
-    }  # fmt: skip
     monkeypatch.setattr(verdict, "adequate", lambda judge, index: True)
-    assert told(script, set()) == ("named", ["friction", "tilt"])
+    assert told(THREE, set()) == ("named", ["friction", "tilt"])
 
 
 def test_a_law_beside_a_cause_that_gave_way_is_forgotten(told):

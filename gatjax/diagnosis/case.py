@@ -137,6 +137,10 @@ class Case:
                 found.append(other)
         return sorted(found, key=lambda other: other != joint)
 
+    def bearers(self, body: int) -> list[int]:
+        """Joints that move the body of a joint."""
+        return [k for k in range(len(self.joints)) if body in self.moved_by(k)]
+
     def carrying(self, joint: int, other: int) -> Joint:
         """A joint whose body terms belong to the body of another joint."""
         if joint == other:
@@ -270,12 +274,15 @@ def _resimulated(
     """
     angles, rests = [], []
     for joint, fit in zip(ready, fits, strict=True):
+        if fit.rms() >= LED_ASTRAY * joint.noise:
+            still = joint.grid.rest[:: motions.FINE]
+            angles.append(np.zeros_like(still, np.float32))
+            rests.append(joint.measured)
+            continue
         drive = numbers(joint, fit.hypothesis, fit.x)
         outcome = joint.outcome([drive], fit.geared)
-        trusted = float(fit.rms() < LED_ASTRAY * joint.noise)
-        angle = np.asarray(outcome.angle)[:: motions.FINE, :, 0]
-        angles.append(trusted * angle)
-        rests.append(joint.measured - trusted * np.asarray(outcome.readings)[..., 0])
+        angles.append(np.asarray(outcome.angle)[:: motions.FINE, :, 0])
+        rests.append(joint.measured - np.asarray(outcome.readings)[..., 0])
     fine = motions.grid_time(runs, STEP)[:: motions.FINE]
     fast, rest = np.stack(angles, -1), np.stack(rests, -1)
     return [

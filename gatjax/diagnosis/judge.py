@@ -243,7 +243,7 @@ class Judge(Known):
 
     def _borne(self, body: int, hypotheses: list[Hypothesis]) -> tuple:
         """How well a changed body is borne out, and how to make its claims."""
-        bearers = [k for k in range(len(self.joints)) if body in self.case.moved_by(k)]
+        bearers = self.case.bearers(body)
         joints = {k: self.case.carrying(k, body) for k in bearers}
         free = dict(
             zip(

@@ -38,6 +38,16 @@ def astray(fit: Fit) -> float:
     return PARTED if any(part.cause == GAP for part in parts) else ASTRAY
 
 
+def changed(case: Case, claim: Claim, index: int, joint: Joint) -> Joint:
+    """A joint of a case with the body and the commands that a claim changes."""
+    if claim.body is not None:
+        joint = case.carrying(index, claim.body)
+    if claim.lost and index in claim.lost:
+        commands = case.commands(index)
+        joint = drops.with_commands(joint, commands, claim.lost[index])
+    return joint
+
+
 class Known:
     """What explains each joint so far, on the loads of the motion that it makes."""
 
@@ -110,15 +120,14 @@ class Known:
             prior: what was known about each joint before it.
         """
         every, odd = range(len(self.joints)), self._odd(claim.fits)
-        heard = [k for k in every if k != odd]
         for _ in range(PASSES if len(self.joints) > 1 else 0):
             old = claim, self.case, self.joints, self.known
-            total = sum(map(self._evidence, heard))
+            total = self.evidence(odd)
             self.case = along(self.case, self.joints, self.known)
             self.joints = self.altered(self.case)
             self.known = mapped(self._again, every)
             claim = self._agreed(claim, prior, odd)
-            better = sum(map(self._evidence, heard)) - total
+            better = self.evidence(odd) - total
             if better < -CHANGED:
                 claim, self.case, self.joints, self.known = old
             self.accepted[-1] = claim
@@ -147,7 +156,6 @@ class Known:
             return advanced(index, claim.hypothesis, x)
 
         found = dict(zip(claim.fits, mapped(free, claim.fits), strict=True))
-
         heard = [fit for k, fit in found.items() if k != odd]
         own = shared_value(heard, count)
         own = np.clip(own, claim.hypothesis.low, claim.hypothesis.high)
@@ -186,12 +194,7 @@ class Known:
         out = list(case.joints)
         for claim in self.accepted:
             for index in claim.fits:
-                if claim.body is not None:
-                    out[index] = case.carrying(index, claim.body)
-                if claim.lost and index in claim.lost:
-                    out[index] = drops.with_commands(
-                        out[index], case.commands(index), claim.lost[index]
-                    )
+                out[index] = changed(case, claim, index, out[index])
         return out
 
     def _again(self, index: int) -> Fit:
@@ -227,12 +230,8 @@ class Known:
         newest = claim.hypothesis if alone else pinned(claim.hypothesis, claim.own)
 
         def one(index: int) -> Fit:
-            joint, known = self.joints[index], self.known[index]
-            if claim.body is not None:
-                joint = self.case.carrying(index, claim.body)
-            if claim.lost:
-                commands = self.case.commands(index)
-                joint = drops.with_commands(joint, commands, claim.lost[index])
+            joint = changed(self.case, claim, index, self.joints[index])
+            known = self.known[index]
             owner = combined(known.hypothesis, newest)
             plain = np.append(np.zeros(COUNT), known.x[COUNT:])
             points = [(owner, np.append(x, own)) for x in (known.x, plain)]
@@ -249,15 +248,15 @@ class Known:
         if claim.hypothesis.cause not in BODY or claim.body is not None:
             return claim
         (body,) = claim.where
-        every = range(len(self.joints))
-        bearers = [k for k in every if body in self.case.moved_by(k)]
+        bearers = self.case.bearers(body)
         if len(bearers) == 1:
             return claim
         return claim._replace(body=body, fits=dict.fromkeys(bearers, claim.fits[body]))
 
-    def evidence(self) -> float:
-        """Nats of what is known, all joints together."""
-        return sum(map(self._evidence, range(len(self.joints))))
+    def evidence(self, without: int | None = None) -> float:
+        """Nats of what is known, all joints together but for one that is left out."""
+        every = range(len(self.joints))
+        return sum(self._evidence(k) for k in every if k != without)
 
     def score(self, index: int, fit: Fit, joint: Joint | None = None) -> float:
         """Nats of a fit over what is known about a joint."""

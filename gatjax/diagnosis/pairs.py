@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from gatjax.diagnosis import drops, search
+from gatjax.diagnosis import search
 from gatjax.diagnosis.aliases import again, alias, covered
 from gatjax.diagnosis.bank import CAUSES
 from gatjax.diagnosis.case import mapped
 from gatjax.diagnosis.claims import LATER, WHOLE, Claim
 from gatjax.diagnosis.findings import LEAST_SHARE, explained, whole, worth_naming
 from gatjax.diagnosis.judge import Judge
+from gatjax.diagnosis.known import changed
 
 TRIED = 4  # causes that are taken for the first of two
 JUDGED = 2  # of them that are looked into
@@ -82,12 +83,7 @@ def _firsts(claims: list[Claim], joint: int, count: int) -> list[Claim]:
 
 def _beside(judge: Judge, first: Claim, index: int) -> Claim:
     """A cause with the best fit, and nats, of another one beside it at a joint."""
-    joint = judge.joints[index]
-    if first.body is not None:
-        joint = judge.case.carrying(index, first.body)
-    if first.lost:
-        commands = judge.case.commands(index)
-        joint = drops.with_commands(joint, commands, first.lost[index])
+    joint = changed(judge.case, first, index, judge.joints[index])
     count = len(judge.joints)
     never = covered(first.hypothesis, count) | set(WHOLE if count > 1 else ())
     bank = tuple(h for h in CAUSES if h.cause not in never)
