@@ -87,6 +87,6 @@ def _beside(judge: Judge, first: Claim, index: int) -> Claim:
     count = len(judge.joints)
     never = covered(first.hypothesis, count) | set(WHOLE if count > 1 else ())
     bank = tuple(h for h in CAUSES if h.cause not in never)
-    found = search.explain(joint, first.fits[index], bank)
+    found = search.proposals(joint, first.fits[index], bank)
     best = max(found, key=lambda fit: judge.score(index, fit, joint))
     return first._replace(gain=judge.score(index, best, joint), fits={index: best})
