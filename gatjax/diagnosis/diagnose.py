@@ -141,14 +141,7 @@ def diagnose(
         pairs["nominal"] = _predicted(made["nominal"], data)
     made["extended"], pairs["extended"] = _extended(verdict, data)
     if data.unseen and not data.floating:
-        series = {name: each[1] for name, each in pairs.items()}
-        errors = measure.log_errors(data.unseen, series)
-        seen = Seen(
-            (errors["nominal"], errors["extended"]),
-            cache(lambda: half_second(made["nominal"], made["extended"], data.unseen)),
-            drawn_errors(verdict.judge, data.unseen),
-        )
-        verdict = borne_out(verdict, seen, seed)
+        verdict = _borne_out(verdict, data, made, pairs)
     text = _told(data, verdict, made, pairs, out, tell)
     write_signals(
         out / "signals.parquet", data.joints, data.logs, data.unseen, pairs, verdict
@@ -171,6 +164,20 @@ def _judge(data: Given, tell: Tell, allowed: Tolerances) -> Judge:
     felt = [run for recording in data.files.fit for run in channels.cut(recording)]
     base = standing.prepare(model, logs, felt, data.period, tell, seed, allowed)
     return StandingJudge(prepare(base, base.runs, tell), base, tell)
+
+
+def _borne_out(
+    verdict: Verdict, data: Given, made: dict[str, World], pairs: dict[str, Predicted]
+) -> Verdict:
+    """The verdict, its causes doubted where they do not predict held-out logs."""
+    series = {name: each[1] for name, each in pairs.items()}
+    errors = measure.log_errors(data.unseen, series)
+    seen = Seen(
+        (errors["nominal"], errors["extended"]),
+        cache(lambda: half_second(made["nominal"], made["extended"], data.unseen)),
+        drawn_errors(verdict.judge, data.unseen),
+    )
+    return borne_out(verdict, seen, data.seed)
 
 
 def _told(
