@@ -1,11 +1,10 @@
 """What a claim needs to be named."""
 
-from types import SimpleNamespace
-
 import pytest
 
 from gatjax.diagnosis import findings
 from gatjax.diagnosis.claims import LATER, WORTH
+from gatjax.diagnosis.judge import Judge
 
 
 @pytest.mark.parametrize(
@@ -22,5 +21,6 @@ def test_a_further_cause_needs_more_where_the_rest_is_noise(
     monkeypatch, accepted, joints, calm, nats
 ):
     monkeypatch.setattr(findings, "adequate", lambda judge, index: index in calm)
-    judge = SimpleNamespace(accepted=accepted, worth=WORTH)
+    judge = object.__new__(Judge)
+    judge.accepted = accepted
     assert findings.needed(judge, joints)[0] == nats
