@@ -9,7 +9,7 @@ from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.hypotheses import Hypothesis
 from gatjax.diagnosis.measure import Errors
 from gatjax.diagnosis.unseen import UNSURE, Seen, borne_out
-from gatjax.diagnosis.verdict import Cause, Verdict
+from gatjax.diagnosis.verdict import Cause, Verdict, doubted
 
 NOISE = 1e-3
 
@@ -81,3 +81,38 @@ def test_an_unknown_verdict_stays_unknown():
     worse = errors(20.0 * NOISE, 20.0 * NOISE)
     verdict = judged(told("payload", left=(1,)), errors(NOISE, NOISE), worse)
     assert verdict.verdict == "unknown" and not verdict.causes[0].borne_out
+
+
+@pytest.mark.parametrize(("rms", "noisy", "expected"), [
+    (4.0, 1.0, "named"),  # 16 % of the power
+    (5.0, 1.0, "unknown"),
+    (1.0, 0.2, "unknown"),  # within reach of the noise, but so was the nominal model
+])  # fmt: skip
+def test_a_joint_is_explained_if_its_motion_is_predicted(rms, noisy, expected):
+    before = errors(10.0 * noisy * NOISE, NOISE)
+    verdict = judged(told("backlash", left=(0,)), before, errors(rms * NOISE, NOISE))
+    assert verdict.verdict == expected
+    assert verdict.unexplained == ([] if expected == "named" else [0])
+
+
+def test_a_law_without_a_name_stays_unexplained():
+    verdict = told("backlash", left=(0,))
+    verdict = verdict._replace(law=verdict.causes[0].claim)
+    verdict = judged(verdict, errors(10.0 * NOISE, NOISE), errors(NOISE, NOISE))
+    assert verdict.verdict == "unknown"
+
+
+def test_a_joint_without_a_cause_stays_unexplained():
+    verdict = told("backlash", left=(1,))
+    before = errors(10.0 * NOISE, 10.0 * NOISE)
+    assert judged(verdict, before, errors(NOISE, NOISE)).unexplained == [1]
+
+
+@pytest.mark.parametrize(("left", "where", "probability"), [
+    ((), (0,), 1.0), ((0,), (0,), 0.5), ((1,), (0,), 1.0), ((0,), (0, 1, 2, 3), 1.0),
+])  # fmt: skip
+def test_a_cause_that_leaves_its_own_joint_unexplained_is_a_guess(
+    left, where, probability
+):
+    (cause,) = doubted(told("backlash", where, left)).causes
+    assert cause.probability == probability

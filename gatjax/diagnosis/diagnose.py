@@ -34,7 +34,7 @@ from gatjax.diagnosis.suitable import check_replay
 from gatjax.diagnosis.tolerances import USUAL, Tolerances
 from gatjax.diagnosis.unexplained import conditions
 from gatjax.diagnosis.unseen import Seen, borne_out
-from gatjax.diagnosis.verdict import Verdict, conclude
+from gatjax.diagnosis.verdict import Verdict, conclude, doubted
 from gatjax.robot import model as robot_model
 from gatjax.runs import write_json
 from gatjax.sim import world as worlds
@@ -142,6 +142,7 @@ def diagnose(
     made["extended"], pairs["extended"] = _extended(verdict, data)
     if data.unseen and not data.floating:
         verdict = _borne_out(verdict, data, made, pairs)
+    verdict = doubted(verdict)
     text = _told(data, verdict, made, pairs, out, tell)
     write_signals(
         out / "signals.parquet", data.joints, data.logs, data.unseen, pairs, verdict

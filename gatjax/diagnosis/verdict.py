@@ -115,8 +115,7 @@ def decide(judge: Judge) -> Verdict:
     left = [k for k in range(len(judge.joints)) if not adequate(judge, k)]
     if law is not None:
         left = sorted({*left, *law.where})
-    now_known = [cause._replace(claim=judge.current(cause.claim)) for cause in causes]
-    causes = [_doubted(cause, left) for cause in now_known]
+    causes = [cause._replace(claim=judge.current(cause.claim)) for cause in causes]
     return Verdict(word(causes, left), causes, left, law, claims, judge)
 
 
@@ -220,11 +219,18 @@ def _exchanged(
     return (fresh, found) if freed > 0 or (freed == 0 and better) else (judge, causes)
 
 
-def _doubted(cause: Cause, left: list[int]) -> Cause:
-    """A cause that leaves its own joint unexplained is no more than a guess."""
-    if set(cause.claim.where) & set(left) and len(cause.claim.where) < 4:
-        return cause._replace(probability=min(cause.probability, 0.5))
-    return cause
+def doubted(verdict: Verdict) -> Verdict:
+    """A verdict whose causes are guesses where they leave their own joint unexplained.
+
+    Held-out logs may have said before that a joint is explained after all.
+    """
+    left, causes = set(verdict.unexplained), []
+    for cause in verdict.causes:
+        where = cause.claim.where
+        guess = left & set(where) and len(where) < 4
+        most = 0.5 if guess else 1.0
+        causes.append(cause._replace(probability=min(cause.probability, most)))
+    return verdict._replace(causes=causes)
 
 
 def word(causes: list[Cause], left: list[int]) -> str:
