@@ -256,3 +256,21 @@ def test_lost_commands_that_are_looked_at_alone_forget_what_was_known_beside_the
     claim = Claim(drops.LOST, np.zeros(0), (0,), {0: beside}, 9.0, lost={0: [gone]})
     (alone,) = known.refitted(claim).fits.values()
     assert len(alone.x) == COUNT and alone.rms() < bare.noise
+
+
+@pytest.mark.parametrize(("chance", "low", "high"), [
+    (lambda change: 0.3, -3.0, drops.SELECTIVE),  # on the way
+    (lambda change: np.where(change < 0.01, 0.0, 0.3), -99.0, 0.0),  # and not all seen
+    (lambda change: np.where(change < 0.02, 0.6, 0.0), drops.SELECTIVE, 99.0),  # sticks
+])  # fmt: skip
+def test_losses_on_the_way_do_not_depend_on_what_is_lost(chance, low, high):
+    rng = np.random.default_rng(1)
+    command = np.sin(np.arange(1500) * 0.05)
+    share = chance(np.abs(np.diff(command, prepend=command[0])))
+    lost = rng.uniform(size=1500) < share
+    assert low < drops.selective([lost], [command]) < high
+
+
+def test_a_command_that_never_moves_loses_nothing():
+    still = np.zeros(100)
+    assert drops.selective([still > 1.0], [still]) == 0.0

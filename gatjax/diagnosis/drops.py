@@ -32,6 +32,7 @@ NEAR = 6.0  # times the noise that a first search leaves: other starts may do be
 PROMISING = 0.5  # the same, of what another explanation leaves
 SCOUTS, SPREAD = 6, 1.5  # starts beside the nominal one; tolerances of theirs
 SCOUTING, FOLLOWED = 3, 2  # rounds of a scout; the best that are followed
+SELECTIVE = 3.0  # deviations: small changes are lost more often than by chance
 LONG = 4  # ticks of a burst that may be a loss of power instead
 
 
@@ -63,6 +64,25 @@ def statistics(
         "probability": hit / max(sum(int(t.sum()) for t in told), 1),
         "burst": max(count / max(bursts, 1), 1.0),
     }
+
+
+def selective(lost: Sequence[np.ndarray], commands: Sequence[np.ndarray]) -> float:
+    """How much rather the smaller half of a command's changes was lost, in deviations.
+
+    On the way nobody looks at what gets lost, and small losses are rather overlooked. A
+    joint that sticks ignores small changes.
+    """
+    changes = np.concatenate([np.abs(np.diff(command)) for command in commands])
+    gone = np.concatenate([mask[1:] for mask in lost])[changes > 1e-6]
+    changes = changes[changes > 1e-6]
+    small = changes <= np.median(changes) if len(changes) else np.zeros(0, bool)
+    if not (small.any() and (~small).any()):
+        return 0.0
+    mean = float(gone.mean())
+    together = statistics(lost, commands)["burst"]  # a burst is one event
+    spread = mean * (1.0 - mean) * together * (1.0 / small.sum() + 1.0 / (~small).sum())
+    apart = float(gone[small].mean() - gone[~small].mean())
+    return apart / float(np.sqrt(max(spread, 1e-12)))
 
 
 def share(lost: Sequence[np.ndarray]) -> float:

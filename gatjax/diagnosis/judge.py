@@ -326,9 +326,10 @@ class Judge(Known):
             assert owner is not None
             return Claim(owner.newest, np.zeros(0), (index,), {index: found.fit}, gain)
 
+        random = drops.selective(loss.lost, commands) < drops.SELECTIVE
         right = [
             claim(found)._replace(lost={index: loss.lost} if found is loss else None)
-            for found in (loss, outage)
+            for found in (loss if random else None, outage)
             if found is not None and found.fit.rms() < drops.DECODED * joint.noise
         ]
         return max(right, key=lambda claim: claim.gain, default=None)
