@@ -1,0 +1,141 @@
+"""Signals on their own clocks to one recording, whose rows are those of the positions.
+
+A command counts from its stamp until the next one (zero-order hold): the row of a
+position holds the command that was in force. Nothing else is moved but signals that are
+slower than the rows or stamped apart from them, which are interpolated and told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from gatjax.data.mapping import NO_MAP, ColumnMap, Entry, quantity_of, resolve, to_si
+from gatjax.data.readers.source import Run, Source, Stream
+from gatjax.data.recording import Recording
+
+HELD = ("command", "mode")  # families that hold until the next stamp
+
+
+class Assembled(NamedTuple):
+    """A recording and what was done to get it."""
+
+    recording: Recording
+    notes: list[str]
+
+
+def assemble(source: Source, mapping: ColumnMap | None = None) -> Assembled:
+    """Put the signals of a log on the clock of its positions.
+
+    Args:
+        source: what was read.
+        mapping: translates names, units, signs and offsets; `time` scales all clocks.
+
+    Raises:
+        ValueError: one line: no positions, stamps that do not increase, nothing left.
+    """
+    chosen = mapping or NO_MAP
+    names = sorted({name for run in source.runs for name in run})
+    entries = _entries(chosen, names, source.name)
+    scale = chosen.entries["time"].factor if "time" in chosen.entries else 1.0
+    notes, rows = list(source.notes), []
+    for number, run in enumerate(source.runs):
+        where = f"{source.name}: run {number}"
+        clear = {
+            column: Stream(scale * run[e.source].time, to_si(e, run[e.source].values))
+            for column, e in entries.items()
+            if e.source in run
+        }
+        rows.append(_rows(clear, where, notes))
+    columns = _shared([set(found) for _, found in rows], source.name, notes)
+    recording = Recording(
+        name=source.name,
+        time=np.concatenate([time for time, _ in rows]),
+        trajectory=np.concatenate([np.full(len(t), k) for k, (t, _) in enumerate(rows)]),
+        columns={c: np.concatenate([found[c] for _, found in rows]) for c in columns},
+        metadata={**source.metadata, **chosen.metadata},
+    )
+    return Assembled(recording, _counted(notes))
+
+
+def _entries(mapping: ColumnMap, names: Sequence[str], file: str) -> dict[str, Entry]:
+    """The log's signal of every column; signals that no recording has are left out."""
+    spoken = {name: e for name, e in mapping.entries.items() if name != "time"}
+    found = resolve(mapping._replace(entries=spoken), names, file)
+    return {column: e for column, e in found.items() if quantity_of(column)}
+
+
+def _rows(run: Run, where: str, notes: list[str]) -> tuple[np.ndarray, dict]:
+    """Time [N] s of the rows of a run, and its columns [N] each."""
+    positions = [name for name in run if name.startswith("position.")]
+    if not positions:
+        raise ValueError(
+            f"{where}: no position of any joint; translate names with --map, a draft "
+            f"of one is written by gatjax import --draft; it has {', '.join(run)}"
+        )
+    for name, stream in run.items():
+        _check_clock(stream.time, f"{where}, {name}")
+    clock = max((run[name].time for name in positions), key=len)
+    first = max(
+        (s.time[0] for n, s in run.items() if n.partition(".")[0] in HELD),
+        default=clock[0],
+    )
+    time = clock[clock >= first]
+    if len(time) < len(clock):
+        notes.append(
+            f"{where}: {len(clock) - len(time)} rows before the first command left out"
+        )
+    if len(time) == 0:
+        raise ValueError(f"{where}: every command comes after the last position")
+    return time, {n: _at(time, n, s, where, notes) for n, s in run.items()}
+
+
+def _at(
+    time: np.ndarray, name: str, stream: Stream, where: str, notes: list[str]
+) -> np.ndarray:
+    """A signal at the rows' stamps [N]."""
+    if len(stream.time) >= len(time) and np.isin(time, stream.time).all():
+        return stream.values[np.searchsorted(stream.time, time)]
+    rate = 1.0 / float(np.median(np.diff(stream.time))) if len(stream.time) > 1 else 0.0
+    if name.partition(".")[0] in HELD:
+        notes.append(f"{where}, {name}: {rate:.4g} Hz, held until the next one")
+        return stream.values[np.searchsorted(stream.time, time, side="right") - 1]
+    notes.append(f"{where}, {name}: {rate:.4g} Hz, interpolated to the rows' stamps")
+    return np.interp(time, stream.time, stream.values)
+
+
+def _check_clock(time: np.ndarray, where: str) -> None:
+    """Refuse stamps that stand still or run back."""
+    late = np.flatnonzero(np.diff(time) <= 0.0)
+    if late.size:
+        row = int(late[0]) + 1
+        raise ValueError(
+            f"{where}: sample {row + 1} is stamped {time[row]:g} s, the one before it "
+            f"{time[row - 1]:g} s; stamps must increase ({late.size} do not): sort or "
+            f"cut the log there"
+        )
+
+
+def _shared(found: list[set[str]], name: str, notes: list[str]) -> list[str]:
+    """Columns that all runs have."""
+    every = set.intersection(*found)
+    partly = sorted(set.union(*found) - every)
+    if partly:
+        notes.append(f"{name}: {', '.join(partly)} left out, not in every run")
+    return sorted(every)
+
+
+def _counted(notes: list[str]) -> list[str]:
+    """Notes that only differ in the run they are about, as one with a count."""
+    heads: dict[str, list[str]] = {}
+    for note in notes:
+        head, run, tail = note.partition(": run ")
+        number, _, rest = tail.partition(",") if run else ("", "", "")
+        key = f"{head}:{rest}" if run and number.isdigit() else note
+        heads.setdefault(key, []).append(note)
+    return [
+        same[0] if len(same) == 1 else f"{key} (in {len(same)} runs)"
+        for key, same in heads.items()
+    ]
