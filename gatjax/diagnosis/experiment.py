@@ -100,9 +100,10 @@ def propose(
         "command": shlex.join(words),
         "separation": round(separation, 2),
         "why": (
-            f"{MENU[chosen].title}: the predictions of {names[0]} and {names[1]} "
-            f"differ by {separation:.1f} times the reading noise there, the most of "
-            f"all safe motions"
+            f"{MENU[chosen].title.capitalize()}: the predictions of "
+            f"{' and '.join(names[:2]).replace('_', ' ')} differ by "
+            f"{separation:.1f} times the reading noise there, the most of all safe "
+            f"motions."
         ),
     }
 

@@ -14,6 +14,7 @@ from gatjax.sim import causes, derived
 from gatjax.sim.world import World
 
 DELAY = "command_delay"
+PROMPT = 5e-4  # s
 
 
 def write_model(path: Path, world: World) -> None:
@@ -57,9 +58,14 @@ def _expressible(row: dict[str, Any]) -> bool:
     return row["cause"] == DELAY or all(part.slot == "body" for part in parts)
 
 
+def _prompt(row: dict[str, Any]) -> bool:
+    """Whether a row is a delay that no physics step can tell."""
+    return row["cause"] == DELAY and row["values"]["delay"] < PROMPT
+
+
 def _remarks(world: World) -> str:
     """What the file says of itself, as comments."""
-    there = [row for row in world.causes if _expressible(row)]
+    there = [row for row in world.causes if _expressible(row) and not _prompt(row)]
     lines = ["made by gatjax diagnose; the whole simulation is in world.json"]
     lines += [f"has {row.get('role', 'cause')} {_told(row)}" for row in there]
     lines += [f"lacks {text}" for text in lacking(world)]
