@@ -154,11 +154,28 @@ def test_bad_folders_and_names(tmp_path, capsys):
         assert text in capsys.readouterr().err.splitlines()[-1]
 
 
-def test_cases_that_are_there_are_not_made_again(blind):
-    folder = blind[0] / "set"
+def test_cases_that_are_there_are_not_made_again(tmp_path):
     wanted = {
-        k: v for k, v in read_json(folder / "asked.json").items() if k != "schema"
-    }
-    make(folder, wanted, lambda done, count: pytest.fail("made again"))
+        "cases": 3, "seed": 5, "kinds": ["null"], "robots": ["arm_servo"],
+        "causes": [], "least_visibility": 0.8,
+    }  # fmt: skip
+    folder, seen = tmp_path / "set", []
+
+    def stopping(done, count):
+        seen.append(done)
+        if len(seen) == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        make(folder, wanted, stopping)
+    (held,) = read_cases(folder)[0].held
+    kept = held.stat().st_mtime_ns
+    make(folder, wanted, lambda done, count: seen.append(done))
+    assert seen == [1, 2, 3]
+    assert len(read_cases(folder)) == 3
+    assert held.stat().st_mtime_ns == kept
     with pytest.raises(ValueError, match="seed"):
         make(folder, wanted | {"seed": 1}, lambda done, count: None)
+    (folder / "asked.json").unlink()
+    with pytest.raises(ValueError, match="unknown origin"):
+        make(folder, wanted, lambda done, count: None)

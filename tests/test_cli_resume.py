@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gatjax import loop, runs
-from gatjax.cli import logs, main, resume, verbs
+from gatjax.cli import collecting, logs, main, resume, verbs
 from gatjax.cli.arguments import parse
 from gatjax.cli.film import film
 from gatjax.cli.resume import resumed, world_digest
@@ -372,7 +372,8 @@ def test_evaluation_repeats_no_walk_that_was_learned_from(
     tmp_path, capsys, monkeypatch
 ):
     robot = Seen()
-    monkeypatch.setattr(verbs, "robot_of", lambda *_: robot)
+    for part in (verbs, collecting):
+        monkeypatch.setattr(part, "robot_of", lambda *_: robot)
     given = ["collect", "--out", str(tmp_path / "a.parquet"), "--seed", "3"]
     refused(capsys, given)
     learned = robot.drawn

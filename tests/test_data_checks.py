@@ -328,6 +328,18 @@ def test_same_rows_are_found_under_another_name_and_other_rows_are_not():
     assert line.startswith("other.csv: rows 1 to 300 are also in fit.parquet")
 
 
+def test_a_motion_that_repeats_itself_is_not_shifted():
+    steady = log(seconds=30.0)
+    time, draw = steady.time, np.random.default_rng(3)
+    sent = {j: 0.3 * np.sin(2 * np.pi * (time + 0.1 * k)) for k, j in enumerate(JOINTS)}
+    columns = {f"command.{j}": values for j, values in sent.items()}
+    for j, values in sent.items():
+        late = np.roll(values, 4) * (1.0 + 0.1 * np.sin(0.4 * time))
+        columns[f"position.{j}"] = late + 5e-4 * draw.normal(size=len(time))
+    found = findings(changed(steady, **columns), {}, "fit")
+    assert "shifted" not in {each.check for each in found}
+
+
 def test_motions_that_only_begin_alike_share_no_data():
     one, other = log(seed=0), log(seed=7, name="other.csv")
     alike = {

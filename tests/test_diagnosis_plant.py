@@ -108,6 +108,18 @@ def test_play_shows_between_motor_and_link_and_is_as_wide_as_it_says():
     assert np.max(np.abs(motor - seen(one))) < np.max(np.abs(link - seen(one))) + 0.05
 
 
+def test_armature_behind_the_gear_swings_with_the_link():
+    one = joint(step_up)
+    spring = {"stiffness": 10.0, "sensed": 1.0, "kp": 400.0, "limit": 400.0}
+    angle = {b: seen(one, geared=True, behind=b, **spring) for b in (0.0, 0.5)}
+    link = 0.018 + 0.5 * 0.012
+    alone = joint(step_up, inertia=link)
+    moved = {"armature": 0.5 * 0.012}
+    same = seen(alone, geared=True, behind=0.0, **spring, **moved)
+    assert np.max(np.abs(angle[0.5] - same)) < 1e-4
+    assert np.max(np.abs(angle[0.5] - angle[0.0])) > 1e-3
+
+
 def test_heat_takes_gain_away_and_is_told():
     one = joint(lambda t: 0.0, rest=1.5)
     cool = one.outcome([{}], False)

@@ -11,7 +11,7 @@ from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.bank import CAUSES
 from gatjax.diagnosis.claims import LATER, PLACE, PRICE, WORTH, Claim
 from gatjax.diagnosis.coordinates import factor, positive
-from gatjax.diagnosis.findings import SEEN, VISIBLE
+from gatjax.diagnosis.findings import AGAIN, SEEN, VISIBLE
 from gatjax.diagnosis.hypotheses import COUNT, tolerated
 from gatjax.diagnosis.judge import Judge
 
@@ -118,7 +118,7 @@ def test_more_is_asked_beside_a_named_cause_and_of_a_standing_robot(judge):
     claim = Claim(FEW[0], np.zeros(1), (5,), {}, 50.0)
     judge.accepted = [claim]
     beside = found(judge)
-    assert findings.needed(judge, [0]) == (LATER, VISIBLE)
+    assert findings.needed(judge, [0]) == (AGAIN, VISIBLE)
     judge.accepted, judge.worth = [], LATER
     standing = found(judge)
     size = {cause: sensitivity._size(cause, row["value"])

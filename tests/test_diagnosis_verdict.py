@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from gatjax.diagnosis import experiment, verdict
+from gatjax.diagnosis.aliases import again
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import Hypothesis
@@ -88,13 +89,29 @@ def test_lost_commands_are_looked_at_alone_though_they_have_no_size(named):
     assert named(Told({"": -50.0}), alone, second) == ["elastic"]
 
 
-@pytest.mark.parametrize("first, second, again", [
+def test_a_cause_of_the_joint_that_carries_a_link_is_looked_for_again(named):
+    load = claim("payload")._replace(where=(1,), fits={1: FIT})
+    second = verdict.Cause(load, 0.9, [], [])
+    judge = Told({"": 0.0})
+    fresh = Told({"payload+friction": 20.0}, [claim("friction")])
+    fresh.joints = [None, None]
+    fresh.case.bearers = lambda body: [0, body]
+    assert named(judge, fresh, second) == ["payload", "friction"]
+    first = verdict.Cause(claim("gain"), 0.9, [], [])
+    again = Told({"payload+friction": 20.0}, [claim("friction")])
+    again.joints, again.case = fresh.joints, fresh.case
+    chosen, found = verdict._exchanged(judge, [second, first], again)
+    assert chosen is again
+    assert [cause.claim.body for cause in found] == [1, None]
+
+
+@pytest.mark.parametrize("first, second, covered", [
     ("payload", "com_shift", True),  # it is a payload beside the centre of mass
     ("com_shift", "payload", False),
     ("viscous_friction", "damping_error", True),  # an alias
 ])  # fmt: skip
-def test_a_cause_that_a_known_one_covers_is_not_told_beside_it(first, second, again):
-    assert verdict._again(claim(second), [claim(first)], 2) == again
+def test_a_cause_that_a_known_one_covers_is_not_told_again(first, second, covered):
+    assert again(claim(second), [claim(first)], 2) == covered
 
 
 def test_what_is_drawn_only_looks_better(named):
@@ -123,12 +140,13 @@ def concluded(monkeypatch):
         answers = {"measured": measured, "settled": settled}
 
         def decide(judge):
-            names, nats, drawn = answers[judge.case.name]
+            names, nats, drawn, *law = answers[judge.case.name]
             found = [verdict.Cause(claim(n), 1.0, [], []) for n in names]
             side = Told({"": nats}, pulled=drawn)
             x = np.full(verdict.COUNT, np.sqrt(strain / verdict.COUNT))
             side.known = [FIT._replace(x=x)]
-            return verdict.Verdict("named", found, [], None, [], side)
+            best = claim(law[0]) if law else None
+            return verdict.Verdict("named", found, [], best, [], side)
 
         monkeypatch.setattr(verdict, "decide", decide)
         monkeypatch.setattr(verdict.cases, "settled", lambda case, tell: second)
@@ -154,6 +172,10 @@ def test_a_cause_that_tolerances_hide(concluded, measured, strain, expected):
 
 def test_a_cause_on_settled_loads_is_not_looked_for_elsewhere(concluded):
     assert concluded((["limit"], 50.0, []), (["delay"], 0.0, []), 60.0) == ["delay"]
+
+
+def test_an_unnamed_law_on_settled_loads_is_not_a_cause_elsewhere(concluded):
+    assert concluded((["limit"], 50.0, []), ([], 0.0, [], "spring"), 60.0) == []
 
 
 def test_loads_that_do_not_follow_are_looked_at_once(concluded):

@@ -11,6 +11,8 @@ nominal joint's, and a gear has less: the smaller of both counts. A wrong sign l
 but for the inertia at the joint itself.
 """
 
+import dataclasses
+
 import jax
 import mujoco
 import numpy as np
@@ -18,10 +20,12 @@ import pytest
 
 import gatjax.surrogate.hidden
 from gatjax.data.trajectories import JointRun
+from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis import joint, loads, motion, plant
 from gatjax.diagnosis.bank import CAUSES
 from gatjax.diagnosis.case import Case, Held
 from gatjax.diagnosis.claims import Claim
+from gatjax.diagnosis.drawn import drawn_errors
 from gatjax.diagnosis.extend import world_values
 from gatjax.diagnosis.hypotheses import COUNT, tolerated
 from gatjax.diagnosis.judge import Judge
@@ -50,8 +54,8 @@ OWN = {  # coordinates, where the bank's middle start does too little or too muc
     "encoder_offset": (0.2,),
     "encoder_scale": (-0.08,),
     "load_friction": (np.log(0.3),),
-    "backlash": (np.log(0.08), 0.3),
-    "joint_elasticity": (np.log(1.0), 0.3),
+    "backlash": (np.log(0.08), 0.3, 0.2),
+    "joint_elasticity": (np.log(1.0), 0.3, 0.2),
 }
 SHARE = 0.08
 MORE = {
@@ -157,6 +161,30 @@ def test_a_cause_moves_the_joint_the_same(name, world, plain):
     assert effect > 4e-3
     left = min(rms(told - theirs), rms((told - ours) - (theirs - angle)))
     assert left < MORE.get(name, SHARE) * effect, left / effect
+
+
+def test_a_gap_predicts_another_motion_of_a_joint_that_is_drawn_to_it(world, plain):
+    gap, own = NAMES["backlash encoder on link"], OWN["backlash"]
+    first = plain[1]
+    with jax.numpy_rank_promotion("allow"):
+        worn = add_cause(world, "backlash", ["servo"], translated(first, gap, own))
+        angle = logged(worn)
+        judge = judged(world, angle)
+        zero, own = np.zeros(COUNT), np.array(own)
+        healthy, known = fits.start(
+            judge.joints[0], [(None, zero), (gap, np.append(zero, own))]
+        )
+        claim = Claim(gap, own, (0,), {0: known}, 100.0)
+        judge.known, judge.accepted = [known], [claim]
+        judge.case = dataclasses.replace(
+            judge.case, healthy=[healthy], pulled={0: 10.0}
+        )
+        run = JointRun(0, TIME[:300], COMMAND[:300, None], angle[:300, None])
+        before, after = drawn_errors(judge, [run])[0]
+        assert len(before.block) == len(after.block) == 300
+        assert after.rmse()[0] < 0.3 * before.rmse()[0]
+        judge.accepted = [claim._replace(lost={0: [np.zeros(ROWS, bool)]})]
+        assert drawn_errors(judge, [run]) == {}
 
 
 @pytest.mark.parametrize("moved", [0, 1])

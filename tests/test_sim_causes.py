@@ -76,10 +76,11 @@ def swing(
     return out
 
 
-def geared(width, stiffness, ratio, on_motor, share=0.1):
+def geared(width, stiffness, ratio, on_motor, share=0.1, behind=0.0):
     """Angles that the encoder sees of a motor and a link with a gear between them."""
-    link = INERTIA - ROTOR
-    reduced = link * ROTOR / INERTIA
+    rotor = (1.0 - behind) * ROTOR
+    link = INERTIA - rotor
+    reduced = link * rotor / INERTIA
     ring = 2.0 * ratio * np.sqrt(stiffness * reduced)
     motor, arm = [0.0, 0.0], [0.0, 0.0]
     out = np.empty(len(HELD))
@@ -93,7 +94,7 @@ def geared(width, stiffness, ratio, on_motor, share=0.1):
         if width > 0.0 and torque * beyond <= 0.0:
             torque = 0.0
         sides = (
-            (motor, pull - torque, ROTOR, 1.0 - share),
+            (motor, pull - torque, rotor, 1.0 - share),
             (arm, torque - WEIGHT * np.sin(arm[0]), link, share),
         )
         for body, push, mass, part in sides:
@@ -276,6 +277,14 @@ CASES = {
     ),
     "joint_elasticity": (
         {"stiffness": 40.0}, lambda: rows(geared(0.0, 40.0, 0.05, False)),
+    ),
+    "backlash wheels": (
+        {"width": 0.06, "armature_share": 0.4},
+        lambda: rows(geared(0.06, TEETH, 0.3, False, behind=0.4)),
+    ),
+    "joint_elasticity wheels": (
+        {"stiffness": 40.0, "armature_share": 0.4},
+        lambda: rows(geared(0.0, 40.0, 0.05, False, behind=0.4)),
     ),
     "joint_elasticity motor": (
         {"stiffness": 40.0, E2: 1}, lambda: rows(geared(0.0, 40.0, 0.05, True)),

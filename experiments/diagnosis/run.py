@@ -1,11 +1,12 @@
-"""Score the diagnosis on fresh cases, and pool the marks of all sessions.
+"""Score the diagnosis on fresh cases.
 
     python experiments/diagnosis/run.py --out DIR --seed 44000 --cases 40
 
 makes 40 cases of each kind (seeds 44001 to 44004) and diagnoses them. Ctrl-C keeps what
 is solved, and the same command goes on. It writes marks/44000.json, and scores.md with
-its pictures over all files in marks/. A seed must be fresh: no case of it was looked at
-while the method was made, and the method stays as it is until the last one is solved.
+its pictures of the newest seed in marks/: older ones are of another method. A seed must
+be fresh: no case of it was looked at while the method was made, and the method stays as
+it is until the last one is solved.
 """
 
 from __future__ import annotations
@@ -75,12 +76,10 @@ def keep(out: Path, seed: int, commit: str) -> None:
     write_json(HERE / "marks" / f"{seed}.json", facts)
 
 
-def pooled(folder: Path) -> list[Mark]:
-    """All marks of a folder's files; what was not a number is null there."""
-    rows = [row for file in sorted(folder.glob("*.json"))
-            for row in read_json(file)["marks"]]  # fmt: skip
+def kept(file: Path) -> list[Mark]:
+    """The marks of a file; what was not a number is null there."""
     marks = []
-    for row in rows:
+    for row in read_json(file)["marks"]:
         numbers = {k: math.nan for k, v in row.items() if v is None and k != "beside"}
         beside = row["beside"] and tuple(row["beside"])
         marks.append(Mark(**{**row, **numbers, "beside": beside}))
@@ -88,8 +87,8 @@ def pooled(folder: Path) -> list[Mark]:
 
 
 def draw() -> str:
-    """Write the scores of all marks, and their pictures; the scores as text."""
-    every: list[Any] = pooled(HERE / "marks")
+    """Write the scores of the newest seed, and their pictures; the scores as text."""
+    every: list[Any] = kept(max((HERE / "marks").glob("*.json")))
     text = tables.document({"gatjax": every})
     write_whole({HERE / "scores.md": text.encode()})
     figures.draw_confusion([m for m in every if m.main], HERE / "confusion.png")
@@ -98,7 +97,7 @@ def draw() -> str:
 
 
 def main() -> None:
-    """Solve, keep the marks, pool them."""
+    """Solve, keep the marks, draw them."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -8,10 +8,8 @@ from typing import Any, NamedTuple
 
 from pyarrow import parquet
 
-from gatjax.runs import check_same, read_json, write_json
+from gatjax.runs import read_json
 from gatjax.surrogate.hidden import MIX, ROBOTS, write_cases
-
-SCHEMA = "gatjax.bench.diagnose.cases/1"
 
 
 class Case(NamedTuple):
@@ -28,7 +26,7 @@ class Case(NamedTuple):
 def make(
     folder: Path, wanted: Mapping[str, Any], progress: Callable[[int, int], None]
 ) -> None:
-    """Make cases, unless the folder has all of them.
+    """Make the cases that a folder lacks.
 
     Args:
         folder: gets models/, cases/, answers.json, and asked.json with what was asked.
@@ -40,26 +38,16 @@ def make(
         ValueError: an unknown kind, robot or cause, or the folder has other cases.
     """
     _check_robots(wanted["robots"])
-    asked = folder / "asked.json"
-    wanted = {"schema": SCHEMA, **wanted}
-    if asked.exists():
-        check_same(read_json(asked), wanted, folder)
-        answers = folder / "answers.json"
-        if answers.exists() and len(read_json(answers)["cases"]) == wanted["cases"]:
-            return
-    folder.mkdir(parents=True, exist_ok=True)
-    kinds = wanted["kinds"] or list(MIX)
     write_cases(
         folder,
         wanted["cases"],
         wanted["seed"],
-        {kind: MIX[kind] for kind in kinds},
+        {kind: MIX[kind] for kind in wanted["kinds"] or MIX},
         wanted["robots"] or None,
         wanted["causes"] or None,
         progress,
         wanted["least_visibility"],
     )
-    write_json(asked, wanted)
 
 
 def _check_robots(names: Collection[str]) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from gatjax.data.finding import DEGREES, Finding, Ranges, angle, cell
 from gatjax.data.mapping import UNITS
 from gatjax.data.recording import Recording
-from gatjax.data.trajectories import GAP, RATE_TOLERANCE, JointRun
+from gatjax.data.trajectories import GAP, RATE_TOLERANCE, JointRun, soon_after
 
 SLOWEST, FASTEST = 1.0, 1e-4  # s, no log of a servo has periods outside of these
 SLOW = 0.05  # s, the longest period that delays and reversals can be seen with
@@ -149,8 +149,7 @@ def after_gaps(time: np.ndarray, command: np.ndarray) -> np.ndarray:
     steps = np.diff(time, prepend=time[0])
     long = steps >= max(LONG, (1.0 + GAP) * float(np.median(steps[1:])))
     changed = np.abs(np.diff(command, axis=0, prepend=command[:1])).max(1) > SAME
-    last = np.where(long & changed, time, -np.inf)
-    return time - np.maximum.accumulate(last) < RECOVERY
+    return soon_after(time, long & changed, RECOVERY)
 
 
 def check_resolution(

@@ -12,7 +12,7 @@ import numpy as np
 
 from gatjax.data.finding import Finding, Ranges, cell
 from gatjax.data.recording import Recording
-from gatjax.data.trajectories import JointRun
+from gatjax.data.trajectories import JointRun, soon_after
 
 REACHED = 0.002  # rad from the end of the range
 RECOVERY = 0.5  # s after a stop that readings tell nothing of the drive
@@ -34,8 +34,7 @@ def hindered(run: JointRun, joint: int, low: float, high: float) -> np.ndarray:
         high: the other end, rad.
     """
     reached = at_stop(run.angle[:, joint], low, high)
-    last = np.where(reached, run.time, -np.inf)
-    out = run.time - np.maximum.accumulate(last) < RECOVERY
+    out = soon_after(run.time, reached, RECOVERY)
     return out & bool(out.mean() < MOST)
 
 

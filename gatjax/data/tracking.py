@@ -17,6 +17,7 @@ EARLIEST = -0.05  # s, readings cannot lead their command by more
 ALIKE = 0.7  # correlation that counts as the same motion
 UNLIKE = 0.4  # correlation that does not
 APART = 0.1  # s between the halves of a run: no shift but a clock that drifts
+REPEATS = 0.02  # of correlation by which a lag that no servo has must be better
 LIVELY = 0.01  # rad rms of fast motion that a shift may be read from
 REPEATED = 0.02  # of its motion by which a repeated command may differ
 
@@ -132,7 +133,10 @@ def _correlation(
 
 
 def _shift(command: np.ndarray, position: np.ndarray, period: float) -> float | None:
-    """Seconds [within `WINDOW`] that the position lags, read from its fast motion."""
+    """Seconds [within `WINDOW`] that the position lags, read from its fast motion.
+
+    What repeats itself fits at many lags: one that a servo can have goes first.
+    """
     width = max(round(1.0 / period), 3)
     box = np.ones(width) / width
     fast = [
@@ -149,8 +153,10 @@ def _shift(command: np.ndarray, position: np.ndarray, period: float) -> float | 
         sent = fast[0][most - lag : len(command) - most - lag]
         size = len(inner) * np.std(sent) * np.std(inner)
         score.append(float(sent @ inner / max(size, 1e-12)))
-    best = int(np.argmax(score))
-    return (best - most) * period if score[best] > ALIKE else None
+    lags = period * np.arange(-most, most + 1)
+    usual = (lags > EARLIEST - period) & (lags <= LATEST)
+    best = int(np.argmax(np.where(usual, np.array(score) + REPEATS, score)))
+    return float(lags[best]) if score[best] > ALIKE else None
 
 
 def _shifts(command: np.ndarray, position: np.ndarray, period: float) -> Shifts:

@@ -13,6 +13,9 @@ from gatjax.records import FORCE_SENSORS, JOINTS, Trajectory
 RATE_TOLERANCE = 0.05  # of the control period, for the median time step
 GAP = 0.5  # of the control period: a step further off than this is a gap
 
+Columns = dict[str, np.ndarray]
+"""Columns [N] of one trajectory by name."""
+
 
 class JointRun(NamedTuple):
     """What the joints were told and did in one trajectory."""
@@ -89,6 +92,20 @@ def to_arrays(recording: Recording, joints: Sequence[str]) -> list[JointRun]:
         )
         for run in np.unique(recording.trajectory)
     ]
+
+
+def cut_columns(recording: Recording, names: Sequence[str]) -> list[Columns]:
+    """Cuts some columns into trajectories, in the order of `to_arrays`."""
+    return [
+        {name: recording.columns[name][recording.trajectory == run] for name in names}
+        for run in np.unique(recording.trajectory)
+    ]
+
+
+def soon_after(time: np.ndarray, happens: np.ndarray, seconds: float) -> np.ndarray:
+    """Rows [N] bool at which something happens [N] bool, or did less long ago."""
+    last = np.where(happens, time, -np.inf)
+    return time - np.maximum.accumulate(last) < seconds
 
 
 def at_rate(recording: Recording, period: float) -> tuple[Recording, int]:

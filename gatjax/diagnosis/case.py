@@ -26,6 +26,7 @@ from gatjax.robot.model import joint_names
 PASSES, RESTS = 3, 3.0  # over the loads of the fitted motion; nats that end them
 PULLS = (10.0, 30.0)  # 1/s, of a pulled joint towards its measured motion
 THREADS = os.cpu_count() or 1
+LED_ASTRAY = 5.0  # times the noise that a fit leaves: loads along its motion are worse
 
 
 @runtime_checkable
@@ -136,6 +137,10 @@ class Case:
                 found.append(other)
         return sorted(found, key=lambda other: other != joint)
 
+    def bearers(self, body: int) -> list[int]:
+        """Joints that move the body of a joint."""
+        return [k for k in range(len(self.joints)) if body in self.moved_by(k)]
+
     def carrying(self, joint: int, other: int) -> Joint:
         """A joint whose body terms belong to the body of another joint."""
         if joint == other:
@@ -166,15 +171,20 @@ def prepare(
         runs: trajectories of all actuated joints.
         tell: is called with a stage and the share of it that is done.
     """
+    case = unfitted(base, runs)
+    return dataclasses.replace(case, healthy=_healthy(case.joints, tell))
+
+
+def unfitted(base: Base, runs: list[JointRun]) -> Case:
+    """A case with loads along the measured motion, whose tolerances are not fitted."""
     moved, loads = base.weigh([], [])
     names = joint_names(base.tree.model)
     ready = joints.build(
         base.tree.model, base.tree, names, runs, moved, loads, base.allowed
     )
     return Case(
-        base=base, runs=runs, joints=ready, motions=moved, loads=loads,
-        healthy=_healthy(ready, tell),
-    )  # fmt: skip
+        base=base, runs=runs, joints=ready, motions=moved, loads=loads, healthy=[]
+    )
 
 
 def settled(case: Case, tell: Callable[[str, float], None]) -> Case:
@@ -258,9 +268,17 @@ def pulled(case: Case, drawn: dict[int, float]) -> Case:
 def _resimulated(
     runs: list[JointRun], ready: list[Joint], fits: list[Fit]
 ) -> list[motions.Motion]:
-    """Motions of the fitted joints, corrected by what the fits leave."""
+    """Motions of the fitted joints, corrected by what the fits leave.
+
+    Those of joints that a fit leads far astray are the measured ones, smoothed.
+    """
     angles, rests = [], []
     for joint, fit in zip(ready, fits, strict=True):
+        if fit.rms() >= LED_ASTRAY * joint.noise:
+            still = joint.grid.rest[:: motions.FINE]
+            angles.append(np.zeros_like(still, np.float32))
+            rests.append(joint.measured)
+            continue
         drive = numbers(joint, fit.hypothesis, fit.x)
         outcome = joint.outcome([drive], fit.geared)
         angles.append(np.asarray(outcome.angle)[:: motions.FINE, :, 0])

@@ -64,15 +64,20 @@ class Claim(NamedTuple):
         return everything or bool(set(self.fits) & set(other.fits))
 
 
-def uncertainty(free: list[Fit], count: int) -> np.ndarray | None:
+def uncertainty(
+    free: list[Fit], count: int, first: int | None = None
+) -> np.ndarray | None:
     """Covariance [count, count] of coordinates that fits of several joints share.
+
+    They are the last ones, or those from the index `first` on.
 
     The fits take residuals as independent; they are so every CORRELATED seconds only,
     which REPEATED samples stand for.
     """
     total = np.zeros((count, count))
+    part = slice(-count, None) if first is None else slice(first, first + count)
     for fit in free:
-        covariance = np.linalg.pinv(fit.information)[-count:, -count:]
+        covariance = np.linalg.pinv(fit.information)[part, part]
         scale = REPEATED * max(fit.cost / len(fit.residual), 0.3)
         total += np.linalg.pinv(covariance * scale)
     return np.linalg.pinv(total) if count and free else None

@@ -86,24 +86,27 @@ def variant_of(base: Hypothesis, variant: str, fixed: Numbers) -> Hypothesis:
 
 
 def geared(base: Hypothesis, side: str) -> Hypothesis:
-    """The same cause with the motor and the link apart, each with some friction.
+    """The same cause with the motor and the link apart, each with some of the joint's.
 
-    The encoder sits on one `side`, motor or link.
+    The last coordinates are the link's shares of friction and of armature (wheels of
+    the gear turn with it). The encoder sits on one `side`, motor or link.
     """
     sensed = float(side == "motor")
 
     def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
-        base.put(drive, joint, x[:-1])
-        drive.update({"sensed": sensed, "link_share": float(x[-1])})
+        base.put(drive, joint, x[:-2])
+        shares = {"link_share": float(x[-2]), "behind": float(x[-1])}
+        drive.update({"sensed": sensed, **shares})
+
+    def values(joint: Joint, x: np.ndarray) -> Numbers:
+        shares = {"link_share": float(x[-2]), "armature_share": float(x[-1])}
+        return base.values(joint, x[:-2]) | {"encoder_on_motor": sensed, **shares}
 
     return base._replace(
-        variant=f"encoder on {side}", put=put, geared=True,
-        starts=tuple((*s, share) for s in base.starts for share in (0.1, 0.8)),
-        steps=(*base.steps, 0.05), low=(*base.low, 0.0), high=(*base.high, 1.0),
-        values=lambda joint, x: (
-            base.values(joint, x[:-1])
-            | {"encoder_on_motor": sensed, "link_share": float(x[-1])}
-        ),
+        variant=f"encoder on {side}", put=put, geared=True, values=values,
+        starts=tuple((*s, share, 0.1) for s in base.starts for share in (0.1, 0.8)),
+        steps=(*base.steps, 0.05, 0.05), low=(*base.low, 0.0, 0.0),
+        high=(*base.high, 1.0, 0.5),
     )  # fmt: skip
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,15 +24,16 @@ from gatjax.diagnosis import (
     sensitivity,
 )
 from gatjax.diagnosis.case import held, prepare
+from gatjax.diagnosis.drawn import drawn_errors
 from gatjax.diagnosis.floor import channels, standing
 from gatjax.diagnosis.floor.judge import StandingJudge
-from gatjax.diagnosis.gain import Predicted, gained
+from gatjax.diagnosis.gain import Predicted, gained, half_second
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.signals import write_signals
 from gatjax.diagnosis.suitable import check_replay
 from gatjax.diagnosis.tolerances import USUAL, Tolerances
 from gatjax.diagnosis.unexplained import conditions
-from gatjax.diagnosis.unseen import borne_out
+from gatjax.diagnosis.unseen import Seen, borne_out
 from gatjax.diagnosis.verdict import Verdict, conclude
 from gatjax.robot import model as robot_model
 from gatjax.runs import write_json
@@ -139,9 +141,7 @@ def diagnose(
         pairs["nominal"] = _predicted(made["nominal"], data)
     made["extended"], pairs["extended"] = _extended(verdict, data)
     if data.unseen and not data.floating:
-        series = {name: each[1] for name, each in pairs.items()}
-        errors = measure.log_errors(data.unseen, series)
-        verdict = borne_out(verdict, errors["nominal"], errors["extended"], seed)
+        verdict = _borne_out(verdict, data, made, pairs)
     text = _told(data, verdict, made, pairs, out, tell)
     write_signals(
         out / "signals.parquet", data.joints, data.logs, data.unseen, pairs, verdict
@@ -164,6 +164,20 @@ def _judge(data: Given, tell: Tell, allowed: Tolerances) -> Judge:
     felt = [run for recording in data.files.fit for run in channels.cut(recording)]
     base = standing.prepare(model, logs, felt, data.period, tell, seed, allowed)
     return StandingJudge(prepare(base, base.runs, tell), base, tell)
+
+
+def _borne_out(
+    verdict: Verdict, data: Given, made: dict[str, World], pairs: dict[str, Predicted]
+) -> Verdict:
+    """The verdict, its causes doubted where they do not predict held-out logs."""
+    series = {name: each[1] for name, each in pairs.items()}
+    errors = measure.log_errors(data.unseen, series)
+    seen = Seen(
+        (errors["nominal"], errors["extended"]),
+        cache(lambda: half_second(made["nominal"], made["extended"], data.unseen)),
+        drawn_errors(verdict.judge, data.unseen),
+    )
+    return borne_out(verdict, seen, data.seed)
 
 
 def _told(

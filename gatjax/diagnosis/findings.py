@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection
 
 from gatjax.diagnosis.claims import LATER, Claim
 from gatjax.diagnosis.judge import Judge
+from gatjax.diagnosis.known import SEVERAL
 
 TOLERABLE = 2.2  # times the reading noise: an explanation may leave that much
 LEAST_SHARE = 0.4  # of the misfit power at its joints that a cause has to explain
 SEEN = 0.3  # times the scatter from tolerances: a smaller change is not a cause
 VISIBLE = 0.5  # the same beside another cause
 SECOND_SHARE = 0.8  # as LEAST_SHARE, where a joint is explained but for a little
-AGAIN = 20.0  # nats of a further cause there
+AGAIN = 20.0  # nats of a further cause there, or where tolerances are enough
 DRAWN_SHARE = 0.7  # as LEAST_SHARE, of a further cause at a joint that is drawn
 EXPECTED = 1.3  # misfit power of a right model, in squares of the reading noise
 SPENT = 9.0  # squared deviations: tolerances that imitate a cause instead of a misfit
@@ -24,42 +25,52 @@ DRAWN_REST = 0.15  # the same of a joint that is drawn to its measured motion
 def worth_naming(judge: Judge, claim: Claim) -> bool:
     """Whether a claim is well supported, and larger than what tolerances do.
 
-    What a large cause leaves at its joint, a small share of what it explained, is more
-    likely its own law drawn too simply than a second cause.
+    What a large cause of one joint leaves there, a small share of what it explained, is
+    more likely its own law drawn too simply than a second cause.
     """
     nats, visible = needed(judge, claim.fits)
     if claim.gain < nats:
         return False
     if len(claim.fits) > 1 and claim.stance is None and not whole(judge, claim):
         return False  # one value at several joints has to suit them
-    known = {k for accepted in judge.accepted for k in accepted.fits}
-    drawn = set(claim.fits) <= known & set(judge.case.pulled)
-    if drawn and explained(judge, claim) < DRAWN_SHARE:
+    share, joints = explained(judge, claim), set(claim.fits)
+    own = {k for known in judge.accepted if len(known.fits) < SEVERAL
+           for k in known.fits}  # fmt: skip
+    if joints <= own & set(judge.case.pulled) and share < DRAWN_SHARE:
         return False  # what is drawn looks right to several laws
-    if _explained(judge, claim.fits) and explained(judge, claim) < SECOND_SHARE:
+    done = joints <= own and all(adequate(judge, k) for k in joints)
+    if done and share < SECOND_SHARE:
         return False
     return judge.visibility(claim) > visible
 
 
-def needed(judge: Judge, joints: Iterable[int]) -> tuple[float, float]:
+def needed(judge: Judge, joints: Collection[int]) -> tuple[float, float]:
     """Nats and visibility that a claim about joints needs beside what is known.
 
     Without joints it is about floor, soles or inertial unit, which explain all of them.
     """
-    nats = LATER if judge.accepted else judge.worth
+    if not judge.accepted and joints:
+        return judge.worth, SEEN
     visible = VISIBLE if judge.accepted else SEEN
-    return (AGAIN if _explained(judge, joints) else nats), visible
-
-
-def _explained(judge: Judge, joints: Iterable[int]) -> bool:
-    """Whether causes that are known explain all of some joints but for a little."""
-    known = {k for accepted in judge.accepted for k in accepted.fits}
-    return all(k in known and adequate(judge, k) for k in joints)
+    calm = all(adequate(judge, k) for k in joints)
+    return (AGAIN if calm else LATER), visible
 
 
 def whole(judge: Judge, claim: Claim) -> bool:
-    """Whether a claim has a name and explains most of the misfit at its joints."""
-    return bool(claim.hypothesis.cause) and explained(judge, claim) >= LEAST_SHARE
+    """Whether a claim has a name and explains most of the misfit at its joints.
+
+    Of three joints or more, one may have a cause of its own besides.
+    """
+    if not claim.hypothesis.cause:
+        return False
+    if explained(judge, claim) >= LEAST_SHARE:
+        return True
+    fits = claim.fits
+    if len(fits) < SEVERAL:
+        return False
+    worst = max(fits, key=lambda k: fits[k].rms() / judge.joints[k].noise)
+    rest = {k: fit for k, fit in fits.items() if k != worst}
+    return explained(judge, claim._replace(fits=rest)) >= LEAST_SHARE
 
 
 def explained(judge: Judge, claim: Claim) -> float:
@@ -81,7 +92,8 @@ def adequate(judge: Judge, index: int) -> bool:
     before = judge.case.healthy[index].rms() / joint.noise
     known = any(index in claim.fits for claim in judge.accepted)
     if index in judge.case.pulled:  # it looks better than it is
-        enough = known and level < ROUGH and level**2 < DRAWN_REST * before**2
+        beyond = level**2 - EXPECTED
+        enough = known and level < ROUGH and beyond < DRAWN_REST * before**2
     else:
         most = ROUGH if known else TOLERABLE
         enough = level < most or level**2 < REST * before**2

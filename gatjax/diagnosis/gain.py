@@ -66,6 +66,23 @@ def gained(
     }  # fmt: skip
 
 
+def half_second(
+    nominal: World, extended: World, unseen: list[JointRun]
+) -> tuple[Errors, Errors] | None:
+    """Errors of two worlds half a second ahead of measured states, if runs have any."""
+    period = nominal.task.control_period
+    cut = measure.windows(unseen, period)
+    if cut is None:
+        return None
+    first, second = (
+        measure.window_errors(
+            cut, measure.windowed(world, cut, period), measure.HORIZONS[0], period
+        )
+        for world in (nominal, extended)
+    )
+    return first, second
+
+
 def _ahead(
     worlds: dict[str, World], unseen: list[JointRun], forward: Network,
     joints: list[str], seed: int,

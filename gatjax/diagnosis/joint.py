@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -175,64 +176,73 @@ def build(
     time = motions.grid_time(runs, STEP)
     lead = int(np.sum(time < -0.5 * STEP))
     rows = -(-max(len(run.time) for run in runs) // ROWS) * ROWS
-    ends = np.array([run.time[-1] - run.time[0] for run in runs])
-    few = moved[0].time[:: weights.COARSE]
-    clock = np.broadcast_to(time[:, None], (len(time), len(runs)))
     noise = noise_of(runs)
-    targets = [motions.cells(run.time - run.time[0], run.command, time) for run in runs]
-    added = weights.shapes(loads)
-    supply = supply_load(model, tree, moved, loads)
-    largest = max(float(total.max()) for total in supply)
-    supply = [total / max(largest, 1e-9) for total in supply]
+    grids = _grids(runs, moved, loads, supply_load(model, tree, moved, loads))
     at = np.stack([_padded(run.time - run.time[0], rows) for run in runs])
     joints = []
     for index, name in enumerate(names):
         drive = nominal_drive(model, tree, index)
         if drive["limit"] >= UNLIMITED:
             drive["limit"] = _asked(runs, index, drive["kp"])
-
-        def series(columns: list[np.ndarray], points: np.ndarray) -> Any:
-            parts = [motions.spread(time, points, column) for column in columns]
-            return jnp.asarray(np.stack(parts, 1), jnp.float32)
-
-        terms = [
-            np.concatenate(
-                [a[0][:, index], l.bodies[0, :, index, index], l.gravity[:, index]], -1
-            )
-            for a, l in zip(added, loads, strict=True)
-        ]
-        heavy = [
-            np.concatenate(
-                [a[1][:, index], l.bodies[1, :, index, index], 0 * l.gravity[:, index]],
-                -1,
-            )
-            for a, l in zip(added, loads, strict=True)
-        ]
-        inertia = [l.nominal.inertia[:, index] - drive["armature"] for l in loads]
-        grid = laws.Grid(
-            target=jnp.asarray(
-                np.stack([t[:, index] for t in targets], 1), jnp.float32
-            ),
-            path=series([m.position[:, index] for m in moved], moved[0].time),
-            rest=series([l.nominal.rest[:, index] for l in loads], moved[0].time),
-            slope=series([l.nominal.slope[:, index] for l in loads], moved[0].time),
-            inertia=series(inertia, moved[0].time),
-            rest_terms=series(terms, few), inertia_terms=series(heavy, few),
-            supply=series(supply, moved[0].time),
-            clock=jnp.asarray(clock, jnp.float32),
-            running=jnp.asarray(clock <= ends, jnp.float32),
-        )  # fmt: skip
+        grid = grids(index, drive["armature"])
         seen = np.stack([_padded(run.angle[:, index], rows) for run in runs])
         valid = np.zeros(seen.shape, bool)
         for row, run in zip(valid, runs, strict=True):
             row[: len(run.time)] = _free(model, run, index)
-        level = float(noise[index])
         body = tree.body[index]
         mass, centre = float(model.body_mass[body]), model.body_ipos[body].copy()
         link = Link(mass, centre, tree.axis[index])
-        readings = at, seen, valid, level
+        readings = at, seen, valid, float(noise[index])
         joints.append(Joint(name, index, drive, grid, lead, *readings, allowed, link))
     return joints
+
+
+def _grids(
+    runs: list[JointRun],
+    moved: list[motions.Motion],
+    loads: list[weights.Loads],
+    supply: list[np.ndarray],
+) -> Callable[[int, float], laws.Grid]:
+    """What lies on the simulations' grid, of a joint and the armature of its motor."""
+    time = motions.grid_time(runs, STEP)
+    ends = np.array([run.time[-1] - run.time[0] for run in runs])
+    at, few = moved[0].time, moved[0].time[:: weights.COARSE]
+    clock = np.broadcast_to(time[:, None], (len(time), len(runs)))
+    targets = [motions.cells(run.time - run.time[0], run.command, time) for run in runs]
+    added = weights.shapes(loads)
+    largest = max(float(total.max()) for total in supply)
+    supply = [total / max(largest, 1e-9) for total in supply]
+
+    def series(columns: list[np.ndarray], points: np.ndarray = at) -> Any:
+        parts = [motions.spread(time, points, column) for column in columns]
+        return jnp.asarray(np.stack(parts, 1), jnp.float32)
+
+    def terms(index: int, kind: int) -> list[np.ndarray]:
+        """Of bodies and gravity, by load: at rest (0) or per acceleration (1)."""
+        return [
+            np.concatenate(
+                [a[kind][:, index], l.bodies[kind, :, index, index],
+                 (1 - kind) * l.gravity[:, index]], -1
+            )
+            for a, l in zip(added, loads, strict=True)
+        ]  # fmt: skip
+
+    def grid(index: int, armature: float) -> laws.Grid:
+        target = np.stack([t[:, index] for t in targets], 1)
+        return laws.Grid(
+            target=jnp.asarray(target, jnp.float32),
+            path=series([m.position[:, index] for m in moved]),
+            rest=series([l.nominal.rest[:, index] for l in loads]),
+            slope=series([l.nominal.slope[:, index] for l in loads]),
+            inertia=series([l.nominal.inertia[:, index] - armature for l in loads]),
+            rest_terms=series(terms(index, 0), few),
+            inertia_terms=series(terms(index, 1), few),
+            supply=series(supply),
+            clock=jnp.asarray(clock, jnp.float32),
+            running=jnp.asarray(clock <= ends, jnp.float32),
+        )
+
+    return grid
 
 
 def _free(model: mujoco.MjModel, run: JointRun, index: int) -> np.ndarray:

@@ -25,7 +25,7 @@ from gatjax.diagnosis.claims import (
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined, pinned
 from gatjax.diagnosis.joint import Joint
-from gatjax.diagnosis.known import ASTRAY, Known
+from gatjax.diagnosis.known import ASTRAY, Known, astray
 
 NOISY = 1.7  # times the noise that the best cause leaves: commands may be lost
 STRAYING = 0.3  # of the residual before, that it leaves at least
@@ -105,14 +105,16 @@ class Judge(Known):
 
     def _misses(self, index: int, rate: float) -> bool:
         """Whether a joint is drawn less, and even its best explanation goes astray."""
-        known = self.known[index].rms()
-        limit = max(ASTRAY * self.joints[index].noise, STRAYING * known)
-        astray = self._left(index) > limit
-        return astray and self.case.pulled.get(index, 0.0) < rate
+        known, best = self.known[index].rms(), self._best(index)
+        noise = self.joints[index].noise
+        limit = astray(best) if known > ASTRAY * noise else ASTRAY
+        missed = best.rms() > max(limit * noise, STRAYING * known)
+        return missed and self.case.pulled.get(index, 0.0) < rate
 
-    def _left(self, index: int) -> float:
-        """What the best explanation of a joint leaves, rad."""
-        return min(fit.rms() for fit in [self.known[index], *self.found[index]])
+    def _best(self, index: int) -> Fit:
+        """The best explanation of a joint."""
+        every = [self.known[index], *self.found[index]]
+        return min(every, key=lambda fit: fit.rms())
 
     def _pull(self, joints: list[int], rate: float) -> None:
         """Look at joints again, drawn to their measured motion at a rate in 1/s."""
@@ -241,7 +243,7 @@ class Judge(Known):
 
     def _borne(self, body: int, hypotheses: list[Hypothesis]) -> tuple:
         """How well a changed body is borne out, and how to make its claims."""
-        bearers = [k for k in range(len(self.joints)) if body in self.case.moved_by(k)]
+        bearers = self.case.bearers(body)
         joints = {k: self.case.carrying(k, body) for k in bearers}
         free = dict(
             zip(
@@ -279,7 +281,7 @@ class Judge(Known):
         Args:
             missing: joints that changed since losses were looked for.
         """
-        left = {k: self._left(k) for k in missing}
+        left = {k: self._best(k).rms() for k in missing}
         noisy = [
             k for k in missing
             if left[k] > NOISY * self.joints[k].noise

@@ -13,18 +13,39 @@ from gatjax.diagnosis import case as cases
 from gatjax.diagnosis import drops, search
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.case import Case, along, mapped
-from gatjax.diagnosis.claims import Claim, shared_value, uncertainty
+from gatjax.diagnosis.claims import BODY, Claim, shared_value, uncertainty
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined, pinned
 from gatjax.diagnosis.joint import Joint
 
 ASTRAY = 3.5  # times the noise that the best explanation leaves: look again
+PARTED = 1.7  # the same with a gap, which parts any two runs
+GAP = "backlash"
 CHANGED = 3.0  # nats: a joint whose evidence changed less keeps its fits
+SEVERAL = 3  # joints of a claim, of which one may have a cause of its own besides
+ODD = 2.0  # times what the next worst of them leaves, that this one leaves
 SETTLING = 3  # iterations in which joints settle on a value
 REFITTING = 12  # iterations of a claim beside something else
 PASSES = 6  # over the loads that a new claim makes, at most
 
 Mine = TypeVar("Mine", bound="Known")
+
+
+def astray(fit: Fit) -> float:
+    """Times the noise that a joint leaves which cannot be followed open loop."""
+    owner = fit.hypothesis
+    parts = () if owner is None else owner.parts or (owner,)
+    return PARTED if any(part.cause == GAP for part in parts) else ASTRAY
+
+
+def changed(case: Case, claim: Claim, index: int, joint: Joint) -> Joint:
+    """A joint of a case with the body and the commands that a claim changes."""
+    if claim.body is not None:
+        joint = case.carrying(index, claim.body)
+    if claim.lost and index in claim.lost:
+        commands = case.commands(index)
+        joint = drops.with_commands(joint, commands, claim.lost[index])
+    return joint
 
 
 class Known:
@@ -51,19 +72,34 @@ class Known:
         self.accepted.append(claim)
         for index, fit in claim.fits.items():
             self.known[index] = fit
+        self.joints = self.altered(self.case)
         held = set(drawn) & set(claim.fits)
         state = self.case, self.joints, list(self.known)
         self._draw(dict.fromkeys(held, 0.0))
         free = self._settled(claim, prior)
-        if any(self.known[k].rms() > ASTRAY * self.joints[k].noise for k in held):
+        if any(
+            self.known[k].rms() > astray(self.known[k]) * self.joints[k].noise
+            for k in held
+        ):
             self.case, self.joints, self.known = state
             free = self._settled(claim, prior)
         claim = free
+        self._let_go()
         for index, old in enumerate(before):
             moved = abs(self._evidence(index) - old) > CHANGED
             if moved or index in claim.fits:
                 self.found.pop(index, None)
         return claim
+
+    def _let_go(self) -> None:
+        """Stop drawing joints without a cause that by now can be followed without."""
+        named = {k for claim in self.accepted for k in claim.fits}
+        idle = {k: rate for k, rate in self.case.pulled.items() if k not in named}
+        if not idle:
+            return
+        self._draw(dict.fromkeys(idle, 0.0))
+        left = {k: self.known[k].rms() / self.joints[k].noise for k in idle}
+        self._draw({k: rate for k, rate in idle.items() if left[k] > ASTRAY})
 
     def _draw(self, rates: dict[int, float]) -> None:
         """Draw joints to their measured motion at other rates, 1/s; 0: not at all."""
@@ -72,7 +108,7 @@ class Known:
         for k in rates:
             healthy[k] = search.healthy(self.case.joints[k], healthy[k].x)
         self.case = dataclasses.replace(self.case, healthy=healthy)
-        self.joints = self._altered(self.case)
+        self.joints = self.altered(self.case)
         for index, fit in zip(rates, mapped(self._again, rates), strict=True):
             self.known[index] = fit
 
@@ -83,15 +119,15 @@ class Known:
             claim: to settle, accepted already.
             prior: what was known about each joint before it.
         """
-        every = range(len(self.joints))
+        every, odd = range(len(self.joints)), self._odd(claim.fits)
         for _ in range(PASSES if len(self.joints) > 1 else 0):
             old = claim, self.case, self.joints, self.known
-            total = self.evidence()
+            total = self.evidence(odd)
             self.case = along(self.case, self.joints, self.known)
-            self.joints = self._altered(self.case)
+            self.joints = self.altered(self.case)
             self.known = mapped(self._again, every)
-            claim = self._agreed(claim, prior)
-            better = self.evidence() - total
+            claim = self._agreed(claim, prior, odd)
+            better = self.evidence(odd) - total
             if better < -CHANGED:
                 claim, self.case, self.joints, self.known = old
             self.accepted[-1] = claim
@@ -99,8 +135,8 @@ class Known:
                 break
         return claim
 
-    def _agreed(self, claim: Claim, prior: list[Fit]) -> Claim:
-        """A claim at the value that its joints agree on now."""
+    def _agreed(self, claim: Claim, prior: list[Fit], odd: int | None) -> Claim:
+        """A claim at the value that its joints agree on now, all but an odd one."""
         count = len(claim.own)
         if not count:
             return claim
@@ -120,15 +156,27 @@ class Known:
             return advanced(index, claim.hypothesis, x)
 
         found = dict(zip(claim.fits, mapped(free, claim.fits), strict=True))
-        own = shared_value(list(found.values()), count)
+        heard = [fit for k, fit in found.items() if k != odd]
+        own = shared_value(heard, count)
         own = np.clip(own, claim.hypothesis.low, claim.hypothesis.high)
-        sure = uncertainty(list(found.values()), count)
         same = pinned(claim.hypothesis, own)
-        settled = mapped(lambda k: advanced(k, same, found[k].x[:-count]), claim.fits)
-        for index, fit in zip(claim.fits, settled, strict=True):
+        every = mapped(lambda k: advanced(k, same, found[k].x[:-count]), found)
+        settled = dict(zip(found, every, strict=True))
+        sure = uncertainty(heard, count)
+        for index, fit in settled.items():
             self.known[index] = fit
-        kept = {k: self.known[k] for k in claim.fits}
-        return claim._replace(own=own, fits=kept, covariance=sure)
+        return claim._replace(own=own, fits=settled, covariance=sure)
+
+    def _odd(self, found: dict[int, Fit]) -> int | None:
+        """The joint that an agreed value suits badly, where it suits the others.
+
+        It has a cause of its own besides, and no say in what the others agree on.
+        """
+        left = {k: fit.rms() / self.joints[k].noise for k, fit in found.items()}
+        if len(left) < SEVERAL:
+            return None
+        *_, second, worst = sorted(left, key=lambda k: left[k])
+        return worst if left[worst] > max(ASTRAY, ODD * left[second]) else None
 
     def fork(self: Mine) -> Mine:
         """The same, but it may accept another claim."""
@@ -141,17 +189,12 @@ class Known:
     def _evidence(self, index: int) -> float:
         return fits.evidence(self.joints[index], self.known[index])
 
-    def _altered(self, case: Case) -> list[Joint]:
+    def altered(self, case: Case) -> list[Joint]:
         """The case's joints with the bodies and the commands that claims changed."""
         out = list(case.joints)
         for claim in self.accepted:
             for index in claim.fits:
-                if claim.body is not None:
-                    out[index] = case.carrying(index, claim.body)
-                if claim.lost and index in claim.lost:
-                    out[index] = drops.with_commands(
-                        out[index], case.commands(index), claim.lost[index]
-                    )
+                out[index] = changed(case, claim, index, out[index])
         return out
 
     def _again(self, index: int) -> Fit:
@@ -159,6 +202,23 @@ class Known:
         fit = self.known[index]
         first = fits.start(self.joints[index], [(fit.hypothesis, fit.x)])
         return fits.improve(self.joints[index], first, 6)[0]
+
+    def current(self, claim: Claim) -> Claim:
+        """A claim about one joint with its size beside what was accepted after it."""
+        count, alone = len(claim.own), len(claim.fits) == 1 and claim.body is None
+        if not (count and alone) or len(self.accepted) < 2:
+            return claim
+        (index,) = claim.fits
+        fit, first = self.known[index], COUNT
+        owner = fit.hypothesis
+        for part in () if owner is None else owner.parts or (owner,):
+            size = len(part.low)
+            if (part.cause, part.variant, size) == (*claim.hypothesis[:2], count):
+                sure = uncertainty([fit], count, first)
+                own = fit.x[first : first + size]
+                return claim._replace(own=own, fits={index: fit}, covariance=sure)
+            first += size
+        return claim
 
     def refitted(self, claim: Claim) -> Claim:
         """A claim with its size, beside what is known here about its joints.
@@ -170,12 +230,8 @@ class Known:
         newest = claim.hypothesis if alone else pinned(claim.hypothesis, claim.own)
 
         def one(index: int) -> Fit:
-            joint, known = self.joints[index], self.known[index]
-            if claim.body is not None:
-                joint = self.case.carrying(index, claim.body)
-            if claim.lost:
-                commands = self.case.commands(index)
-                joint = drops.with_commands(joint, commands, claim.lost[index])
+            joint = changed(self.case, claim, index, self.joints[index])
+            known = self.known[index]
             owner = combined(known.hypothesis, newest)
             plain = np.append(np.zeros(COUNT), known.x[COUNT:])
             points = [(owner, np.append(x, own)) for x in (known.x, plain)]
@@ -184,9 +240,23 @@ class Known:
 
         return claim._replace(fits={k: one(k) for k in claim.fits})
 
-    def evidence(self) -> float:
-        """Nats of what is known, all joints together."""
-        return sum(map(self._evidence, range(len(self.joints))))
+    def carried(self, claim: Claim) -> Claim:
+        """A claim about one joint's link as one that all joints that carry it bear.
+
+        It has to be refitted. Another claim stays as it is.
+        """
+        if claim.hypothesis.cause not in BODY or claim.body is not None:
+            return claim
+        (body,) = claim.where
+        bearers = self.case.bearers(body)
+        if len(bearers) == 1:
+            return claim
+        return claim._replace(body=body, fits=dict.fromkeys(bearers, claim.fits[body]))
+
+    def evidence(self, without: int | None = None) -> float:
+        """Nats of what is known, all joints together but for one that is left out."""
+        every = range(len(self.joints))
+        return sum(self._evidence(k) for k in every if k != without)
 
     def score(self, index: int, fit: Fit, joint: Joint | None = None) -> float:
         """Nats of a fit over what is known about a joint."""

@@ -46,6 +46,7 @@ class Drive(NamedTuple):
     stiffness: Array  # N m/rad (geared plant only)
     sensed: Array  # 1: encoder on the motor, 0: on the link (geared plant only)
     link_share: Array  # of damping and dry friction, behind the gear (geared only)
+    behind: Array  # share of the armature that is behind the gear (geared only)
     pull: Array  # 1/s, towards the measured angle
     drag: Array  # N m s^2/rad^2
     spring: Array  # N m/rad

@@ -30,6 +30,7 @@ SETTLE = 0.5  # s at the first command before a log
 HORIZONS = (0.5, 0.1, 0.0)  # s ahead of a measured state; 0: one step
 STRIDE = 0.1  # s between two windows
 WARM = 0.12  # s of a window that only fills the effects' memories
+BRIEF = 1e-3  # s over which a joint's velocity is taken
 BACK = 6  # samples of the parabola that gives the velocity at a window's start
 APART = 10_000  # blocks between two runs' numbers
 BLOCK = 1.0  # s that the bootstrap draws together
@@ -129,20 +130,25 @@ def windows(runs: list[JointRun], period: float) -> Windows | None:
 
 
 def windowed(world: World, cut: Windows, period: float) -> np.ndarray:
-    """Predictions [B, T, J] rad of windows, each from its measured start."""
+    """Predictions [B, T, J] rad of windows, each from its measured start.
+
+    The joints start where the world's encoders report what was measured.
+    """
     warm = round(WARM / period) + BACK
-    model, where = world.model, slots(world.model)
-    start = cut.angle[:, warm - 1]
+    model, where, native = world.model, slots(world.model), Native(world)
+    rows = native.behind(world.values, cut.angle[:, :warm].reshape(-1, model.nu))
+    angles = rows.reshape(len(cut.angle), warm, -1)
+    later = native.behind(world.values, cut.angle[:, warm - 1] + BRIEF * cut.velocity)
+    start = angles[:, -1]
     qpos = np.stack([put_down(world.model, angle) for angle in start])
     qvel = np.zeros((len(qpos), model.nv))
-    qvel[:, where.velocity] = cut.velocity
+    qvel[:, where.velocity] = (later - start) / BRIEF
     follower, follows = coupled_speed(model, qpos, qvel)
     qvel[:, follower] = follows
     # Row t holds the angle when command t comes into force: command warm - 1 acts
     # from the start on.
     commands = cut.command[:, :-1]
-    past = cut.angle[:, : warm - 1]
-    return Native(world).replay(world.values, commands, past, qpos, qvel)
+    return native.replay(world.values, commands, angles[:, :-1], qpos, qvel)
 
 
 def learned_windows(forward: Network, cut: Windows, period: float) -> np.ndarray:

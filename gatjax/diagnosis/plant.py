@@ -124,14 +124,18 @@ def rigid_step(p: Drive, g: Grid, u: Array, aim: Array, s: Rigid, h: float) -> R
 
 
 def geared_step(p: Drive, g: Grid, u: Array, aim: Array, s: Geared, h: float) -> Geared:
-    """One step of motor, gap with spring, and link."""
+    """One step of motor, gap with spring, and link; teeth push, they never pull."""
     near, far = laws.rubbing(p, 1.0 - p.link_share), laws.rubbing(p, p.link_share)
     seen = s.seen(p) + p.zero_in
     memory, push = laws.servo(p, g, u, s.servo, seen, s.turning, h)
     inertia, torque = laws.link(p, g, s.q, s.v)
+    rotor = (1.0 - p.behind) * p.armature
+    inertia = inertia + p.behind * p.armature
     beyond = _beyond(s.turned - s.q, 0.5 * p.width)
-    reduced = p.armature * inertia / (p.armature + inertia)
+    reduced = rotor * inertia / (rotor + inertia)
     loss = 2.0 * DAMPING_RATIO * jnp.sqrt(p.stiffness * reduced)
+    pushes = (p.stiffness * beyond + loss * (s.turning - s.v)) * beyond > 0.0
+    beyond = jnp.where(pushes | (p.width == 0.0), beyond, 0.0)
     tie = jnp.where(beyond != 0.0, h * (h * p.stiffness + loss), 0.0)
     spring = h * p.stiffness * beyond
     low = inertia + tie + h * far.damping
@@ -139,7 +143,7 @@ def geared_step(p: Drive, g: Grid, u: Array, aim: Array, s: Geared, h: float) ->
     aside = -spring + tie * onto / low + h * laws.ripple(p, s.turned)
     old = s.turning, s.carried, s.bristle
     bare = tie - tie * tie / low
-    turning, bristle, done = driven(near, push, old, p.armature, bare, aside, h)
+    turning, bristle, done = driven(near, push, old, rotor, bare, aside, h)
     free = (onto + tie * turning) / low
     v, link_bristle = rubbed(far, free, low, (s.v, s.carried, s.link_bristle), h)
     through = (spring + tie * (turning - v)) / h

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gatjax.diagnosis import fit as fits
+from gatjax.diagnosis.aliases import alias
 from gatjax.diagnosis.bank import CAUSES
 from gatjax.diagnosis.claims import PLACE, PRICE
 from gatjax.diagnosis.findings import needed
@@ -14,7 +15,6 @@ from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined, pinned
 from gatjax.diagnosis.joint import Joint
 from gatjax.diagnosis.judge import Judge
-from gatjax.diagnosis.verdict import alias
 from gatjax.effects.catalogue import CATALOGUE
 
 LEVELS = 8  # sizes that are tried in one direction

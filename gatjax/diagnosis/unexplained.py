@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gatjax.data.recording import Recording
+from gatjax.data.trajectories import Columns, cut_columns
 from gatjax.diagnosis import measure
 from gatjax.diagnosis.case import Case
 from gatjax.diagnosis.fit import Fit
@@ -36,7 +37,7 @@ class Feature(NamedTuple):
     series: np.ndarray  # [n]
 
 
-def conditions(recordings: Sequence[Recording]) -> list[dict[str, np.ndarray]]:
+def conditions(recordings: Sequence[Recording]) -> list[Columns]:
     """Temperatures and voltage, less their mean, where all recordings have them.
 
     Returns:
@@ -49,14 +50,14 @@ def conditions(recordings: Sequence[Recording]) -> list[dict[str, np.ndarray]]:
     ]  # fmt: skip
     mean = {c: np.mean([r.columns[c].mean() for r in recordings]) for c in names}
     return [
-        {c: each.columns[c][each.trajectory == run] - mean[c] for c in names}
+        {c: values - mean[c] for c, values in run.items()}
         for each in recordings
-        for run in np.unique(each.trajectory)
+        for run in cut_columns(each, names)
     ]
 
 
 def explore(
-    case: Case, joint: Joint, fit: Fit, beside: list[dict[str, np.ndarray]]
+    case: Case, joint: Joint, fit: Fit, beside: list[Columns]
 ) -> dict[str, Any]:
     """Variables with their shares, and a term, for the misfit of a joint.
 
@@ -85,7 +86,7 @@ def explore(
 
 
 def _series(
-    case: Case, joint: Joint, fit: Fit, beside: list[dict[str, np.ndarray]]
+    case: Case, joint: Joint, fit: Fit, beside: list[Columns]
 ) -> tuple[np.ndarray, np.ndarray, list[Feature]]:
     """Misfit torque [n], its second [n], and the features of all runs together."""
     drive = joint.nominal | numbers(joint, None, fit.x[:COUNT])
@@ -105,9 +106,7 @@ def _series(
             + drive["kp"] * found.position[:, 0]
         )
         block.append(number * measure.APART + time.astype(int))
-        columns.append(_features(case, joint, number, time))
-        moving = np.interp(time, motion.time, motion.velocity[:, joint.index])
-        columns[-1] += _under(beside[number], joint.name, moving)
+        columns.append(_features(case, joint, number, time, beside[number]))
     features = [
         same[0]._replace(series=np.concatenate([f.series for f in same]))
         for same in zip(*columns, strict=True)
@@ -115,7 +114,9 @@ def _series(
     return np.concatenate(torque), np.concatenate(block), features
 
 
-def _features(case: Case, joint: Joint, run: int, time: np.ndarray) -> list[Feature]:
+def _features(
+    case: Case, joint: Joint, run: int, time: np.ndarray, beside: Columns
+) -> list[Feature]:
     """What the torque of a joint may depend on, in one run."""
     motion, load = case.motions[run], case.loads[run].nominal
     j = joint.index
@@ -136,6 +137,12 @@ def _features(case: Case, joint: Joint, run: int, time: np.ndarray) -> list[Feat
         Feature("load", "|load| sgn v", np.abs(weight) * direction),
         Feature("time", "t", time / max(time[-1], 1.0)),
     ]  # fmt: skip
+    for name, series in beside.items():
+        if name.partition(".")[2] in ("", joint.name):
+            out += [
+                Feature(name, name, series), Feature(name, f"{name} v", series * v),
+                Feature(name, f"{name} sgn v", series * direction),
+            ]  # fmt: skip
     for hertz in FREQUENCIES:
         phase = 2.0 * np.pi * hertz * time
         name = f"time at {hertz:.2g} Hz"
@@ -148,21 +155,6 @@ def _features(case: Case, joint: Joint, run: int, time: np.ndarray) -> list[Feat
                 Feature(f"joint {name}", f"q({name})", at(motion.position[:, k])),
                 Feature(f"joint {name}", f"v({name})", at(motion.velocity[:, k])),
                 Feature(f"joint {name}", f"load({name})", at(load.rest[:, k])),
-            ]
-    return out
-
-
-def _under(
-    conditions: dict[str, np.ndarray], joint: str, velocity: np.ndarray
-) -> list[Feature]:
-    """What the torque of a joint may owe to its temperature, or to the voltage."""
-    out = []
-    for name, series in conditions.items():
-        if name.partition(".")[2] in ("", joint):
-            out += [
-                Feature(name, name, series),
-                Feature(name, f"{name} v", series * velocity),
-                Feature(name, f"{name} sgn v", series * np.tanh(velocity / 0.05)),
             ]
     return out
 

@@ -7,9 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from gatjax.diagnosis import case as cases
+from gatjax.diagnosis import pairs
+from gatjax.diagnosis.aliases import again, alias
 from gatjax.diagnosis.claims import LATER, Claim
 from gatjax.diagnosis.findings import adequate, whole, worth_naming
-from gatjax.diagnosis.hypotheses import COUNT, Hypothesis
+from gatjax.diagnosis.hypotheses import COUNT
 from gatjax.diagnosis.judge import Judge
 
 TEMPER = 0.5  # of the log evidence, so that probabilities are calibrated
@@ -17,15 +19,9 @@ CERTAIN = 0.8  # probability from which a cause is named
 GUESS = 0.2  # probability that the first cause needs: what beats it is no finding
 LIKELY = 0.5  # probability that a further cause needs to be told at all
 CLOSE = 3.0  # nats: two causes that the data cannot tell apart
-MARGIN = 10.0  # nats: an alias is told apart; two causes beat an unnamed law
+MARGIN = 10.0  # nats: an alias is told apart
+LOCAL = 2  # joints at most of a cause that may give way to two others
 STRAINED = 30.0  # squared deviations of a joint whose tolerances imitate something
-ALIASES = (
-    frozenset({"command_delay", "measurement_delay"}),
-    frozenset({"damping_error", "viscous_friction"}),
-)
-"""Causes that logs of powered joints cannot tell apart (docs/diagnosis.md)."""
-ONE_JOINT = frozenset({"com_shift", "gravity_tilt"})
-COVERED = {"payload": frozenset({"com_shift"})}  # it shifts the centre, too
 
 
 class Cause(NamedTuple):
@@ -36,6 +32,13 @@ class Cause(NamedTuple):
     rivals: list[tuple[Claim, float]]  # best first, with their probabilities
     equivalent: list[str]
     borne_out: bool = True  # by logs of another motion, where there are some
+
+
+class Before(NamedTuple):
+    """What was known when a cause was chosen, and the claims, best first."""
+
+    judge: Judge
+    claims: list[Claim]
 
 
 class Verdict(NamedTuple):
@@ -63,7 +66,7 @@ def conclude(judge: Judge) -> Verdict:
         return decide(judge)
     verdict = decide(type(judge)(case, judge.tell))
     spent = max(float(fit.x[:COUNT] @ fit.x[:COUNT]) for fit in verdict.judge.known)
-    if verdict.causes or spent < STRAINED:
+    if verdict.causes or verdict.law is not None or spent < STRAINED:
         return verdict
     other = decide(judge)
     better = other.judge.evidence() - verdict.judge.evidence() > LATER
@@ -76,55 +79,134 @@ def decide(judge: Judge) -> Verdict:
     causes: list[Cause] = []
     law: Claim | None = None
     claims = judge.claims()
-    fresh: Judge | None = judge.fork()
-    while len(causes) < judge.most:
+    before: list[Before] = []  # each of the causes
+    for number in range(judge.most):
         best = next((c for c in claims if worth_naming(judge, c)), None)
         if best is None:
             break
+        now = Before(judge.fork(), claims)
         if not (judge.confirmed(best) or whole(judge, best)):
-            named = _pair(judge, claims, best)
-            if named is None:
+            room = len(causes) + 1 < judge.most
+            couple = pairs.better(judge, claims, best) if room else None
+            trial, both = (judge, []) if couple is None else _both(judge, couple)
+            sure = both and min(cause.probability for cause in both) >= LIKELY
+            if not (sure and adequate(trial, best.where[0])):
                 law = best if not best.hypothesis.cause else None
                 break
-            best = named
-        cause = _weighed(judge, best, claims)
-        if cause.probability < (LIKELY if causes else GUESS):
-            break
-        causes.append(cause._replace(claim=judge.accept(best)))
-        if len(causes) == 2 and fresh is not None:
-            judge, causes = _exchanged(judge, causes, fresh)
-            fresh = None
+            judge, causes, before = trial, [*causes, *both], [*before, now, now]
+        else:
+            cause = _weighed(judge, best, claims)
+            if cause.probability < (LIKELY if causes else GUESS):
+                break
+            causes.append(cause._replace(claim=judge.accept(best)))
+            before.append(now)
+            if number == 1 and len(causes) == 2:
+                was = judge
+                judge, causes = _exchanged(judge, causes, before[0].judge.fork())
+                before = before if judge is was else before[:1] * len(causes)
         if len(causes) == judge.most:
             break
-        count = len(judge.joints)
-        told = [cause.claim for cause in causes]
-        claims = [c for c in judge.claims() if not _again(c, told, count)]
+        claims = _further(judge, causes)
+    if causes:
+        was = judge
+        judge, causes = _instead(judge, causes, before)
+        if judge is not was:
+            law, claims = None, _further(judge, causes)
     left = [k for k in range(len(judge.joints)) if not adequate(judge, k)]
     if law is not None:
         left = sorted({*left, *law.where})
-    causes = [_doubted(cause, left) for cause in causes]
+    now_known = [cause._replace(claim=judge.current(cause.claim)) for cause in causes]
+    causes = [_doubted(cause, left) for cause in now_known]
     return Verdict(word(causes, left), causes, left, law, claims, judge)
+
+
+def _further(judge: Judge, causes: list[Cause]) -> list[Claim]:
+    """Claims beside causes that a judge has accepted."""
+    told, count = [cause.claim for cause in causes], len(judge.joints)
+    return [c for c in judge.claims() if not again(c, told, count)]
+
+
+def _instead(
+    judge: Judge, causes: list[Cause], before: list[Before]
+) -> tuple[Judge, list[Cause]]:
+    """Two causes instead of the last ones, if these are many or explain too little.
+
+    Args:
+        judge: has accepted the causes.
+        causes: so far.
+        before: what was known before each of them.
+    """
+    last = set(causes[-1].claim.fits)
+    if not last:
+        return judge, causes  # about floor, soles or inertial unit
+    start = next(n for n, c in enumerate(causes) if last & set(c.claim.fits))
+    bad = [k for k in last if not adequate(judge, k)]
+    many = len(causes) - start > 2
+    (prior, claims), tried = before[start], causes[start].claim
+    room = len(prior.accepted) == start and start + 2 <= judge.most
+    alone = all(set(c.claim.fits) <= last for c in causes[start:])
+    if not (room and alone and len(last) <= LOCAL and (bad or many)):
+        return judge, causes
+    name = frozenset({tried.hypothesis.cause})
+    others = [claim for claim in claims if not _same(claim, tried, name)]
+    couple = pairs.couple(prior, others, min(bad or last))
+    trial, both = _both(prior, couple) if couple else (judge, [])
+    drawn = len(trial.case.pulled) > len(judge.case.pulled)
+    fits = both and not drawn and all(adequate(trial, k) for k in last)
+    good = bad or trial.evidence() > judge.evidence() - LATER
+    if fits and good and min(cause.probability for cause in both) > LIKELY:
+        return trial, [*causes[:start], *both]
+    return judge, causes
+
+
+def _both(before: Judge, couple: pairs.Couple) -> tuple[Judge, list[Cause]]:
+    """A judge that has accepted two causes, and each of them weighed beside the other.
+
+    There are none if the first one is not found again beside the second.
+
+    Args:
+        before: a judge that has accepted neither.
+        couple: the two; its judge accepts the second here.
+    """
+    judge, other, first = couple.judge, before.fork(), couple.first
+    last = _weighed(judge, couple.second, couple.claims)
+    last = last._replace(claim=judge.accept(couple.second))
+    alone = other.accept(other.refitted(last.claim))
+    claims = _further(other, [last._replace(claim=alone)])
+    mine = alias(first.hypothesis, len(judge.joints))
+    same = [c for c in claims if _same(c, first, mine)]
+    if not same:
+        return judge, []
+    best = min(same, key=lambda c: c.hypothesis.cause != first.hypothesis.cause)
+    found, name = _weighed(other, best, claims), first.hypothesis.cause
+    equivalent = sorted({*found.equivalent, best.hypothesis.cause} - {name})
+    kept = judge.accepted[len(before.accepted)]
+    return judge, [found._replace(claim=kept, equivalent=equivalent), last]
 
 
 def _exchanged(
     judge: Judge, causes: list[Cause], fresh: Judge
 ) -> tuple[Judge, list[Cause]]:
-    """Two causes at one joint, the first one looked for again beside the second.
+    """Two causes that share a joint, one of them looked for again beside the other.
 
-    What explains most alone need not be there once the other one is known.
+    What explains most alone need not be there once the other one is known. What a link
+    carries, more joints bear than it may have been named at.
 
     Args:
         judge: has accepted both.
         causes: the two.
         fresh: a judge that has accepted none.
     """
-    first, second = causes[0].claim, causes[1].claim
-    told = len(second.own) or second.lost
-    if set(first.fits) != set(second.fits) or not told:
+    for other, kept in (causes, causes[::-1]):
+        first, alone = other.claim, fresh.carried(kept.claim)
+        told = len(alone.own) or alone.lost
+        shared = set(first.fits) & set(alone.fits)
+        if told and shared and (kept is causes[1] or alone.body != kept.claim.body):
+            break
+    else:
         return judge, causes
-    alone = fresh.accept(fresh.refitted(second))
-    kept = causes[1]._replace(claim=alone)
-    claims = [c for c in fresh.claims() if not _again(c, [alone], len(fresh.joints))]
+    kept = kept._replace(claim=fresh.accept(fresh.refitted(alone)))
+    claims = _further(fresh, [kept])
     best = next((c for c in claims if worth_naming(fresh, c)), None)
     name = frozenset({first.hypothesis.cause})
     if best is not None and (_same(best, first, name) or not whole(fresh, best)):
@@ -136,19 +218,6 @@ def _exchanged(
     freed = len(judge.case.pulled) - len(fresh.case.pulled)  # drawn ones look better
     better = fresh.evidence() - judge.evidence() > least
     return (fresh, found) if freed > 0 or (freed == 0 and better) else (judge, causes)
-
-
-def _again(claim: Claim, told: list[Claim], joints: int) -> bool:
-    """Whether a claim repeats a cause, or its alias, where it is known already."""
-
-    def covered(known: Claim) -> frozenset[str]:
-        more = COVERED.get(known.hypothesis.cause, frozenset())
-        return alias(known.hypothesis, joints) | more
-
-    return any(
-        claim.hypothesis.cause in covered(known) and set(claim.where) & set(known.where)
-        for known in told
-    )
 
 
 def _doubted(cause: Cause, left: list[int]) -> Cause:
@@ -166,34 +235,6 @@ def word(causes: list[Cause], left: list[int]) -> str:
         return "none"
     sure = all(cause.probability >= CERTAIN for cause in causes)
     return "named" if sure else "ambiguous"
-
-
-def _pair(judge: Judge, claims: list[Claim], law: Claim) -> Claim | None:
-    """The first of two named causes that explain a joint better than an unnamed law."""
-    named = [
-        claim for claim in claims
-        if claim.hypothesis.cause and claim.gain > LATER
-        and set(claim.where) & set(law.where)
-    ][:2]  # fmt: skip
-    for first in named:
-        trial = judge.fork()
-        known, count = trial.accept(first), len(trial.joints)
-        left = [c for c in trial.claims() if not _again(c, [known], count)]
-        second = next((c for c in left if worth_naming(trial, c)), None)
-        if second is None or not whole(trial, second):
-            continue
-        if law.hypothesis.cause or first.gain + second.gain > law.gain + MARGIN:
-            return first
-    return None
-
-
-def alias(hypothesis: Hypothesis, joints: int) -> frozenset[str]:
-    """The causes that count as one with a hypothesis, itself included."""
-    classes = (*ALIASES, ONE_JOINT) if joints == 1 else ALIASES
-    for group in classes:
-        if hypothesis.cause in group:
-            return group
-    return frozenset({hypothesis.cause})
 
 
 def _weighed(judge: Judge, best: Claim, claims: list[Claim]) -> Cause:

@@ -29,6 +29,7 @@ def _plain(build):
 _GEAR = (
     P("encoder_on_motor", "1", 0.0, 1.0, 0.0),
     P("link_share", "1", 0.0, 1.0, 0.1),
+    P("armature_share", "1", 0.0, 0.9, 0.0),
 )
 
 CATALOGUE = {
@@ -96,7 +97,8 @@ CATALOGUE = {
     ),
     "backlash": Cause(
         (P("width", "rad", 0.0, 0.25), *_GEAR), 0.0,
-        (Part("gear", None, ("width", "encoder_on_motor", "link_share")),),
+        (Part("gear", None,
+              ("width", "encoder_on_motor", "link_share", "armature_share")),),
         "motor and link are two inertias with a gap of this total width between them",
         "B-Human joint play: 1.0-1.4 deg; Dynamixel e-manual: 0.25 deg",
     ),
@@ -114,7 +116,8 @@ CATALOGUE = {
         (P("stiffness", "N*m/rad", 1e-6, 1e8),
          P("damping_ratio", "1", 0.0, 2.0, 0.05), *_GEAR), INF,
         (Part("gear", None,
-              ("stiffness", "damping_ratio", "encoder_on_motor", "link_share")),),
+              ("stiffness", "damping_ratio", "encoder_on_motor", "link_share",
+               "armature_share")),),
         "motor and link are two inertias with a spring between them",
         "Spong 1987, flexible joint model; 8 to 300 N m/rad for servos",
     ),

@@ -29,6 +29,7 @@ class Gear(NamedTuple):
     stiffness: Array  # N m/rad
     damping_ratio: Array  # of the spring against the two inertias
     link_share: Array  # share of damping and dry friction that is behind the gear
+    armature_share: Array  # share of the armature that is behind the gear
     encoder_on_motor: Array  # 1: servo and log see the motor's angle; 0: the link's
 
 
@@ -54,7 +55,7 @@ class Side(NamedTuple):
 def absent(joints: int) -> Gear:
     """Return the parameters of joints without a gear."""
     none = np.zeros(joints)
-    return Gear(none, none + np.inf, none + 0.05, none + 0.1, none)
+    return Gear(none, none + np.inf, none + 0.05, none + 0.1, none, none)
 
 
 def changed(gear: Gear, here: Array, params: dict[str, Array]) -> Gear:
@@ -121,7 +122,8 @@ def transmission(period: float) -> Effect:
             period=period + 0.0 * twist, pull=side.pull,
         )  # fmt: skip
         friction = xp.where(on, gear.link_share * servo.friction, servo.friction)
-        rotor = xp.where(on, period * drag, servo.rotor)
+        behind = gear.armature_share / (1.0 - gear.armature_share) * servo.rotor
+        rotor = xp.where(on, behind + period * drag, servo.rotor)
         return state, drive._replace(
             servo=servo._replace(friction=friction, rotor=rotor),
             load=xp.where(on, load, drive.load),

@@ -110,8 +110,8 @@ def geared(
 ) -> tuple[Fields, Servo]:
     """Take motors off the joints that have a gear.
 
-    The engine keeps the link: no actuator, its share of damping and dry friction, the
-    armature of the moment. The link's inertia in the servos is then what is left.
+    The engine keeps the link: no actuator, its share of damping, dry friction and
+    armature. Motor and link in the servos then have the inertia of their own side.
     """
     on = np.asarray(present(gear))
     dofs = model.jnt_dofadr[model.actuator_trnid[:, 0]]
@@ -123,14 +123,15 @@ def geared(
         np.array(fields.get(name, getattr(model, name))) for name in names
     )
     gain[on], bias[on] = 0.0, 0.0
-    armature[dofs[on]] = 0.0
+    behind = np.where(on, gear.armature_share, 0.0)
+    armature[dofs] *= np.where(on, behind, 1.0)
     share = np.where(on, gear.link_share, 1.0)
     damping[dofs] *= share
     friction[dofs] *= share
     parts = (gain, bias, armature, damping, friction)
     fields = constants(model, fields | dict(zip(names, parts, strict=True)))
     link = 1.0 / fields["dof_invweight0"][dofs]
-    rotor = np.where(servos.rotor > 0.0, servos.rotor, LIGHT * link)
+    rotor = np.where(servos.rotor > 0.0, (1.0 - behind) * servos.rotor, LIGHT * link)
     return fields, servos._replace(
         rotor=np.where(on, rotor, servos.rotor), link=np.where(on, link, servos.link)
     )

@@ -240,11 +240,11 @@ def replay(world: World, impl: str = "jax") -> Callable[..., Array]:
 
         begin = sensor.init(values.sensor, measured(data, motor_state))
         carry = (state, data, motor_state, begin)
-        played = jax.lax.scan(tick, carry, commands[warm:])[1]
+        log = jnp.concatenate([angles, jax.lax.scan(tick, carry, commands[warm:])[1]])
         for drift in values.log.values() if values.log else ():
-            log = jnp.concatenate([angles, played])
             played = drifted(log, drift, world.task.control_period)[warm:]
-        return played
+            log = jnp.concatenate([angles, played])
+        return log[warm:]
 
     return one
 

@@ -36,6 +36,7 @@ from gatjax.sim.world import Values, World, fields_applied
 
 Array = Any
 SMALLEST = 64  # rows of a compiled batch
+INVERTED = 8  # iterations that undo what encoders do to an angle
 
 
 def _padding(count: int) -> np.ndarray:
@@ -260,6 +261,16 @@ class Native:
             sense, measured = self._sense(values, sense, motor, angle)
             played.append(np.asarray(measured))
         return self._logged(values, angles, np.stack(played, axis=1))
+
+    def behind(self, values: Values, readings: Array) -> np.ndarray:
+        """Joint angles [B, J] rad that encoders at rest report as readings [B, J]."""
+        readings = np.asarray(readings)
+        angle = readings
+        for _ in range(INVERTED):
+            _, motor = self._init(values, angle, angle)
+            _, measured = self._sense(values, None, motor, angle)
+            angle = angle + readings - np.asarray(measured)
+        return angle
 
     def _logged(self, values: Values, before: Array, played: np.ndarray) -> np.ndarray:
         """Apply the drift of the log's clock to rows that follow rows `before`."""

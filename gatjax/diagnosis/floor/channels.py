@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from gatjax.data.recording import Recording
+from gatjax.data.trajectories import cut_columns
 from gatjax.diagnosis.floor.played import Rows
 
 Channels = dict[str, np.ndarray]
@@ -20,10 +21,7 @@ def cut(recording: Recording) -> list[Channels]:
     The order is that of `gatjax.data.trajectories.to_arrays`.
     """
     names = [c for c in recording.columns if c.partition(".")[0] in UNITS]
-    return [
-        {name: recording.columns[name][recording.trajectory == run] for name in names}
-        for run in np.unique(recording.trajectory)
-    ]
+    return cut_columns(recording, names)
 
 
 def simulated(model: mujoco.MjModel, rows: Rows, stamps: np.ndarray) -> Channels:

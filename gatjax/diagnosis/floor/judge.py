@@ -198,7 +198,7 @@ class StandingJudge(Judge):
     def _settled(self, claim: Claim, prior: list[Fit]) -> Claim:
         """The newest claim on its loads; the whole robot has settled its size."""
         self.case = along(self.case, self.joints, self.known)
-        self.joints = self._altered(self.case)
+        self.joints = self.altered(self.case)
         self.known = mapped(self._again, range(len(self.joints)))
         return claim
 

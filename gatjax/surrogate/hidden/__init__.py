@@ -11,8 +11,10 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from gatjax.data.recording import write_recording
+from gatjax.runs import check_same, read_json, write_json
 from gatjax.surrogate.hidden.answers import answer, document
 from gatjax.surrogate.hidden.design import MIX, Case, plan
 from gatjax.surrogate.hidden.measure import recording
@@ -22,6 +24,7 @@ from gatjax.surrogate.hidden.study import Result, run
 
 __all__ = ["MIX", "ROBOTS", "write_cases"]
 
+SCHEMA = "hidden-effects.asked/1"
 JOINTS_A_BATCH = 900  # driven joints of all lanes together; bounds the memory
 LANES = 14  # of a usual case
 
@@ -39,7 +42,8 @@ def write_cases(
     """Writes cases with their answers.
 
     Args:
-        folder: gets models/, cases/ and answers.json; what is there is overwritten.
+        folder: gets models/, cases/, answers.json, and asked.json with the choices
+            below; cases that it has from the same choices stay as they are.
         count: number of cases.
         seed: of the set; a case depends on it, its index and the choices below only.
         mix: share of each kind (single, null, pair, outside); None: `MIX`.
@@ -49,12 +53,18 @@ def write_cases(
         least: visibility that effects aim at.
 
     Raises:
-        ValueError: an unknown kind, robot or cause.
+        ValueError: an unknown kind, robot or cause, or the folder has other cases.
     """
     robots = robots or [name for name in ROBOTS if not robot(name).floating]
-    cases = [plan(seed, i, mix or MIX, robots, causes, least) for i in range(count)]
-    entries: list[dict] = []
+    mix = mix or MIX
+    cases = [plan(seed, i, mix, robots, causes, least) for i in range(count)]
+    asked = {
+        "cases": count, "seed": seed, "mix": dict(mix), "robots": list(robots),
+        "causes": causes and list(causes), "least_visibility": least,
+    }  # fmt: skip
     (folder / "models").mkdir(parents=True, exist_ok=True)
+    entries = _made(folder, asked)
+    names = {entry["id"] for entry in entries}
     for name in sorted({case.robot.name for case in cases}):
         text = robot(name).xml
         (folder / "models" / f"{name}.xml").write_text(text, encoding="utf-8")
@@ -62,13 +72,24 @@ def write_cases(
     def done(case: Case, result: Result) -> None:
         _write(folder / "cases" / case.name, case, result)
         entries.append(answer(case, result))
-        text = json.dumps(document(entries), indent=1)
-        (folder / "answers.json").write_text(text, encoding="utf-8")
+        write_json(folder / "answers.json", document(entries))
         if progress:
             progress(len(entries), count)
 
-    for batch in _batches(cases):
+    for batch in _batches([case for case in cases if case.name not in names]):
         run(batch, done)
+
+
+def _made(folder: Path, asked: dict[str, Any]) -> list[dict]:
+    """Answers of the cases that a folder has; refuses other cases than asked for."""
+    answers, note = folder / "answers.json", folder / "asked.json"
+    asked = {"schema": SCHEMA, **asked}
+    if note.exists():
+        check_same(read_json(note), asked, folder)
+    elif answers.exists():
+        raise ValueError(f"{folder}: has cases of unknown origin; choose another")
+    write_json(note, asked)
+    return read_json(answers)["cases"] if answers.exists() else []
 
 
 def _batches(cases: Sequence[Case]) -> Iterator[list[Case]]:

@@ -83,16 +83,11 @@ def plan(
     kind = str(rng.choice(kinds, p=shares / shares.sum()))
     engine = _engine(machine, rng)
     rate = float(rng.choice(RATES))
-    menu = STANCES if machine.floating else OTHERS
-    first = LIVELY if rng.uniform() < 0.8 else str(rng.choice(menu))
-    if machine.floating:
-        first = str(rng.choice(menu))
-    rest = [str(name) for name in rng.permutation(menu) if name != first]
-    fit_motions = (first, *rest[: int(rng.integers(1, 3)) - 1])
+    fit_motions, held_motion = _motions(machine, rng)
     jitter = rng.uniform(0.2e-3, 0.8e-3)
     logs = [
         _log(machine, motion, rate, jitter, (seed, index, number))
-        for number, motion in enumerate((*fit_motions, rest[-1]))
+        for number, motion in enumerate((*fit_motions, held_motion))
     ]
     turns, which = divmod(index, len(robots))
     turn = (turns + which * -(-len(names) // len(robots)), seed)
@@ -110,7 +105,7 @@ def plan(
         channels=Channels(*(bool(rng.uniform() < 0.25) for _ in range(4))),
         one_file=bool(rng.uniform() < 0.4),
         fit_motions=fit_motions,
-        held_motion=rest[-1],
+        held_motion=held_motion,
         fits=tuple(logs[:-1]),
         held=logs[-1],
         options=options,
@@ -119,6 +114,16 @@ def plan(
         others=tuple(bodies[1:]),
         ideal=Specimen(nominal(machine)),
     )
+
+
+def _motions(machine: Robot, rng: np.random.Generator) -> tuple[tuple[str, ...], str]:
+    """Draws one or two motions of the fit logs, and another one that is held out."""
+    menu = STANCES if machine.floating else OTHERS
+    first = LIVELY if rng.uniform() < 0.8 else str(rng.choice(menu))
+    if machine.floating:
+        first = str(rng.choice(menu))
+    rest = [str(name) for name in rng.permutation(menu) if name != first]
+    return (first, *rest[: int(rng.integers(1, 3)) - 1]), rest[-1]
 
 
 def _check(mix: Mapping[str, float], causes: Sequence[str] | None) -> None:

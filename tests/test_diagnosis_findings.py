@@ -1,0 +1,26 @@
+"""What a claim needs to be named."""
+
+import pytest
+
+from gatjax.diagnosis import findings
+from gatjax.diagnosis.claims import LATER, WORTH
+from gatjax.diagnosis.judge import Judge
+
+
+@pytest.mark.parametrize(
+    ("accepted", "joints", "calm", "nats"),
+    [
+        ([], (0,), {0}, WORTH),  # a first cause
+        ([], (), set(), findings.AGAIN),  # of the floor: all joints are explained
+        ([object()], (0,), {0}, findings.AGAIN),  # needs more where all is explained
+        ([object()], (0, 1), {0}, LATER),
+        ([object()], (1,), {0}, LATER),
+    ],
+)
+def test_a_further_cause_needs_more_where_the_rest_is_noise(
+    monkeypatch, accepted, joints, calm, nats
+):
+    monkeypatch.setattr(findings, "adequate", lambda judge, index: index in calm)
+    judge = object.__new__(Judge)
+    judge.accepted = accepted
+    assert findings.needed(judge, joints)[0] == nats

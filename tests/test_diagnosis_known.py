@@ -1,0 +1,114 @@
+"""What a judge makes of a claim that it accepts."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from test_diagnosis_pairs import NOISE, claim, fit
+from test_diagnosis_plant import COUNT, LEAD, STEP, joint, wave
+
+from gatjax.data.trajectories import JointRun
+from gatjax.diagnosis import case as cases
+from gatjax.diagnosis import fit as fits
+from gatjax.diagnosis import known
+from gatjax.diagnosis.hypotheses import COUNT as TOLERANCES
+from gatjax.diagnosis.known import ODD, Known
+
+
+class Arm(Known):
+    """Three joints of NOISE, of which the first carries links 1 and 2."""
+
+    def __init__(self, pulled=(), astray=9.0):
+        self.astray = astray  # that joints go, times the noise, if they are let go
+        self.joints = [SimpleNamespace(noise=NOISE, carries=None) for _ in range(3)]
+        self.case = SimpleNamespace(
+            pulled=dict.fromkeys(pulled, 10.0),
+            bearers=lambda body: [0, body] if body else [0],
+        )
+        self.known, self.found, self.accepted = [fit(1.0)] * 3, {}, []
+
+    def altered(self, case):
+        carries = self.accepted[-1].body if self.accepted else None
+        return [SimpleNamespace(noise=NOISE, carries=carries) for _ in range(3)]
+
+    def _draw(self, rates):
+        pulled = {k: rate for k, rate in (self.case.pulled | rates).items() if rate}
+        self.case = SimpleNamespace(pulled=pulled, bearers=self.case.bearers)
+        self.joints = self.altered(self.case)
+        free = {k: self.astray for k in rates if k not in pulled}
+        self.known = [fit(free.get(k, 1.0)) for k in range(3)]
+
+    def _settled(self, claim, prior):
+        return claim
+
+    def _evidence(self, index):
+        return 0.0
+
+
+def test_joints_that_stay_drawn_carry_what_was_accepted():
+    arm = Arm(pulled=[0])
+    found = claim("payload", fits={0: fit(1.0), 1: fit(1.0)})._replace(
+        body=1, where=(1,)
+    )
+    arm.accept(found)
+    assert arm.case.pulled == {0: 10.0}
+    assert [one.carries for one in arm.joints] == [1, 1, 1]
+
+
+@pytest.mark.parametrize(("left", "drawn"), [(9.0, {0: 10.0}), (2.0, {})])
+def test_a_joint_without_a_cause_is_let_go_if_it_can_be_followed(left, drawn):
+    arm = Arm(pulled=[0], astray=left)
+    arm.accept(claim("gain_error", fits={1: fit(1.0)}))
+    assert arm.case.pulled == drawn
+
+
+def test_all_joints_that_carry_a_link_bear_what_it_carries():
+    whole = Arm().carried(claim("payload", fits={1: fit(1.0)}))
+    assert (whole.body, whole.where, sorted(whole.fits)) == (1, (1,), [0, 1])
+    first = claim("payload", fits={0: fit(1.0)})
+    assert Arm().carried(first) is first
+    other = claim("gain_error", fits={1: fit(1.0)})
+    assert Arm().carried(other) is other
+
+
+@pytest.mark.parametrize(
+    ("left", "odd"),
+    [((1.0, 2.0, 9.0), 2), ((1.0, 9.0, 6.0), None), ((1.0, 1.0, 3.0), None)],
+)
+def test_a_joint_with_a_cause_of_its_own_has_no_say(left, odd):
+    assert ODD == pytest.approx(2.0)
+    found = {k: fit(rms) for k, rms in enumerate(left)}
+    assert Arm()._odd(found) == odd
+    assert Arm()._odd({k: found[k] for k in (0, 2)}) is None
+
+
+def test_the_others_agree_without_a_joint_that_is_odd(monkeypatch):
+    heard = []
+    monkeypatch.setattr(known, "combined", lambda first, newest: newest)
+    monkeypatch.setattr(known.fits, "start", lambda joint, points: [fit(1.0)])
+    monkeypatch.setattr(known.fits, "improve", lambda joint, found, rounds: found)
+    monkeypatch.setattr(known, "uncertainty", lambda found, count: None)
+    agreed = lambda found, count: heard.append(len(found)) or np.zeros(1)  # noqa: E731
+    monkeypatch.setattr(known, "shared_value", agreed)
+    many = claim("gain_error", fits={k: fit(1.0) for k in range(3)})
+    many = many._replace(hypothesis=many.hypothesis._replace(low=(-1.0,), high=(1.0,)))
+    settled = Arm()._agreed(many, [fit(1.0)] * 3, 2)
+    Arm()._agreed(many, [fit(1.0)] * 3, None)
+    assert heard == [2, 3] and sorted(settled.fits) == [0, 1, 2]
+
+
+def test_a_fit_that_leads_far_astray_does_not_make_the_motion(monkeypatch):
+    grid = (np.arange(COUNT) - LEAD) * STEP
+    monkeypatch.setattr(cases.motions, "grid_time", lambda runs, step: grid)
+    plain = joint(wave)
+    stamps = plain.time[0]
+    run = JointRun(0, stamps, 0.0 * stamps[:, None], 0.0 * stamps[:, None])
+    point = None, np.zeros(TOLERANCES)
+    wrong = fits.start(plain, [point])[0]  # the joint was measured at rest
+    (motion,) = cases._resimulated([run], [plain], [wrong])
+    assert np.abs(motion.position).max() < 1e-12
+    seen = -fits.residuals(plain, [point]).reshape(1, -1)
+    moved = plain._replace(measured=seen)
+    right = fits.start(moved, [point])[0]
+    (motion,) = cases._resimulated([run], [moved], [right])
+    assert np.abs(motion.position).max() > 0.2
