@@ -2,88 +2,126 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from gatjax.cli.arguments import Import
 from gatjax.cli.inputs import make_folder
+from gatjax.cli.progress import shown
 from gatjax.data import checks, readers
-from gatjax.data.mapping import ColumnMap, column_map, read_map
-from gatjax.data.recording import Recording, check_ending, write_recording
+from gatjax.data.mapping import read_map
+from gatjax.data.readers import drafts
+from gatjax.data.recording import (
+    Recording,
+    check_ending,
+    check_recording,
+    write_recording,
+)
+from gatjax.loop.setting import Progress
 from gatjax.report.recording import draw_recording
 from gatjax.runs import write_whole
 
+OFTEN = 10.0  # s between lines of progress in a log
+
 
 def bring(verb: Import) -> None:
-    """Read logs, put them on one clock, write and show the recording."""
+    """Read logs, put each on one clock, write and show the recording.
+
+    Raises:
+        ValueError: one line with what is wrong and where.
+        FileNotFoundError: a log or the map is not there.
+    """
     if not verb.logs:
         raise ValueError("no log is named; give at least one file or folder")
     check_ending(verb.out)
-    sources = [readers.read(path) for path in verb.logs]
-    for source in sources:
-        runs = len(source.runs)
-        print(f"{source.name}: {source.kind}, {runs} run{'s' * (runs > 1)}, signals:")
-        for name, stream in source.runs[0].items():
-            print(f"  {name}: {_said(stream)}")
-    if verb.draft is not None:
-        tree = {"columns": _merged(sources), "drop": [], "metadata": {}}
-        text = yaml.safe_dump(tree, sort_keys=False, allow_unicode=True)
-        write_whole({verb.draft: text.encode("utf-8")})
-        print(f"{verb.draft}: a draft of the map; correct it and give it as --map")
     given = None if verb.map is None else read_map(verb.map)
-    made = [readers.assemble(source, given or _drafted(source)) for source in sources]
-    recording = joined([each.recording for each in made], str(verb.out))
-    for each in made:
-        for note in each.notes:
-            print(f"note: {note}")
     make_folder(verb.out.parent)
+    with shown(float(len(verb.logs))) as progress:
+        sources = [readers.read(path, _teller(progress, path)) for path in verb.logs]
+    for source in sources:
+        _say(source)
+    if given is None:
+        _write_draft(verb.out.with_suffix(".map.yaml"), sources)
+    made = [readers.assemble(each, given) for each in sources]
+    recording = readers.joined([each.recording for each in made], str(verb.out))
+    for note in (note for each in made for note in each.notes):
+        print(f"note: {note}")
+    joints = [c[9:] for c in recording.columns if c.startswith("position.")]
+    check_recording(recording, joints)
     write_recording(verb.out, recording)
-    for row in checks.summary([(recording, checks.findings(recording, {}, "held-out"))]):
-        print(f"{row['level']}: {row['text']}")
+    _judge(recording, joints)
     picture = verb.out.with_suffix(".png")
     draw_recording(recording, picture)
-    rows, ids = len(recording.time), len(np.unique(recording.trajectory))
-    print(f"{verb.out}: {rows} rows, {ids} trajectories; picture {picture}")
+    rows, runs = len(recording.time), len(np.unique(recording.trajectory))
+    print(
+        f"recording  {verb.out}: {rows} rows, {runs} runs, joints {', '.join(joints)}"
+    )
+    print(f"picture    {picture}")
 
 
-def joined(parts: list[Recording], name: str) -> Recording:
-    """Recordings one after the other, each run with a number of its own."""
-    shared = set.intersection(*(set(each.columns) for each in parts))
-    ids, first = [], 0
-    for each in parts:
-        _, index = np.unique(each.trajectory, return_inverse=True)
-        ids.append(index + first)
-        first += int(index.max()) + 1
-    return Recording(
-        name=name,
-        time=np.concatenate([each.time for each in parts]),
-        trajectory=np.concatenate(ids),
-        columns={
-            column: np.concatenate([each.columns[column] for each in parts])
-            for column in sorted(shared)
-        },
-        metadata=parts[0].metadata,
+def _teller(progress: Progress, path: Path) -> Callable[[float], None]:
+    """Tells how much of a log is read."""
+    progress.stage(f"read {path.name}")
+    state = {"told": 0.0, "time": time.monotonic()}
+
+    def tell(share: float) -> None:
+        progress.work(share - state["told"])
+        state["told"] = share
+        if time.monotonic() - state["time"] > OFTEN:
+            state["time"] = time.monotonic()
+            progress.stage(f"read {path.name}")
+
+    return tell
+
+
+def _say(source: readers.Source) -> None:
+    """Print what was found in a log."""
+    count = len(source.runs)
+    print(f"{source.name}: {source.kind}, {count} run{'s' * (count > 1)}")
+    scale, unit = drafts.clock(source)
+    run = source.runs[0]
+    width = max(len(name) for name in run)
+    for name, stream in run.items():
+        print(f"  {name:<{width}}  {_facts(stream, scale, unit)}")
+
+
+def _facts(stream: readers.Stream, scale: float, unit: str) -> str:
+    """Rate, gaps, range and resolution of a signal."""
+    steps = scale * np.diff(stream.time)
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    rate = f"{1.0 / usual:.4g} {unit}" if usual > 0.0 else "no rate"
+    gaps = int(np.sum(steps > 2.5 * usual)) if usual > 0.0 else 0
+    finite = stream.values[np.isfinite(stream.values)]
+    if not len(finite):
+        return f"{len(stream.time)} samples, none of them a number"
+    apart = np.diff(np.unique(np.round(finite, 9)))
+    least = f", steps of {apart.min():.3g} or more" if len(apart) else ", constant"
+    said = f"{len(stream.time)} samples, {rate}"
+    said += f", {gaps} gap{'s' * (gaps > 1)}" if gaps else ""
+    return f"{said}, {finite.min():.4g} to {finite.max():.4g}{least}"
+
+
+def _write_draft(path: Path, sources: list[readers.Source]) -> None:
+    """Write the draft of a map, unless there is another one that may be corrected."""
+    text = drafts.text(sources).encode("utf-8")
+    if path.is_file() and path.read_bytes() != text:
+        print(
+            f"map        {path} is there already and stays; give it as --map to use it"
+        )
+        return
+    write_whole({path: text})
+    print(
+        f"map        {path}: a draft; correct names, units, signs and give it as --map"
     )
 
 
-def _drafted(source: readers.Source) -> ColumnMap:
-    """The map that the format itself suggests."""
-    return column_map({"columns": source.draft}, f"the draft for {source.kind}")
-
-
-def _merged(sources: list[readers.Source]) -> dict:
-    """The drafts of all sources."""
-    out: dict = {}
-    for source in sources:
-        out |= source.draft
-    return out
-
-
-def _said(stream) -> str:
-    """Rate and range of a signal."""
-    steps = np.diff(stream.time)
-    rate = 1.0 / float(np.median(steps)) if len(steps) and np.median(steps) > 0 else 0.0
-    low, high = np.nanmin(stream.values), np.nanmax(stream.values)
-    return f"{len(stream.time)} samples, {rate:.4g} per unit of time, {low:.4g} to {high:.4g}"
+def _judge(recording: Recording, joints: list[str]) -> None:
+    """Print what a diagnosis would say of the recording."""
+    free = dict.fromkeys(joints, (-np.inf, np.inf))
+    found = checks.findings(recording, free, "fit")
+    for row in checks.summary([(recording, found)]):
+        level = "no diagnosis" if row["level"] == "refuse" else row["level"]
+        print(f"{level}: {row['text']}")

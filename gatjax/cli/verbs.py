@@ -245,6 +245,14 @@ def diagnose(verb: verbs.Diagnose) -> None:
 
 
 @act.register
+def import_logs(verb: verbs.Import) -> None:
+    """Turn logs into a recording."""
+    from gatjax.cli.importing import bring
+
+    bring(verb)
+
+
+@act.register
 def bench_diagnose(verb: verbs.BenchDiagnose) -> None:
     """Measure the diagnosis on cases with known answers."""
     from gatjax.cli.blind import measure

@@ -130,18 +130,31 @@ def read_map(path: str | Path) -> ColumnMap:
         tree = yaml.load(path.read_text(encoding="utf-8"), Loader=_StrictLoader)
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
-    _check_keys(tree, ("columns", "drop", "metadata"), f"{path}")
+    return column_map(tree, str(path))
+
+
+def column_map(tree: Any, name: str) -> ColumnMap:
+    """The map that a tree with the keys columns, drop and metadata says.
+
+    Args:
+        tree: as YAML gives it.
+        name: file it came from, for messages.
+
+    Raises:
+        ValueError: one line with the key, unit, sign or offset that is wrong.
+    """
+    _check_keys(tree, ("columns", "drop", "metadata"), name)
     columns = tree.get("columns") or {}
     drop = tree.get("drop") or []
     metadata = tree.get("metadata") or {}
     if not isinstance(columns, dict) or not isinstance(metadata, dict):
-        raise ValueError(f"{path}: 'columns' and 'metadata' must be key: value lists")
+        raise ValueError(f"{name}: 'columns' and 'metadata' must be key: value lists")
     if not isinstance(drop, list) or not all(isinstance(item, str) for item in drop):
-        raise ValueError(f"{path}: 'drop' must be a list of column names or patterns")
+        raise ValueError(f"{name}: 'drop' must be a list of column names or patterns")
     return ColumnMap(
-        name=str(path),
+        name=name,
         entries={
-            str(column): _entry(str(column), entry, f"{path}: {column}")
+            str(column): _entry(str(column), entry, f"{name}: {column}")
             for column, entry in columns.items()
         },
         drop=tuple(drop),
@@ -149,19 +162,19 @@ def read_map(path: str | Path) -> ColumnMap:
     )
 
 
-def resolve(column_map: ColumnMap, names: Sequence[str], file: str) -> dict[str, Entry]:
+def resolve(mapping: ColumnMap, names: Sequence[str], file: str) -> dict[str, Entry]:
     """Finds the log's column, and its scaling, for every column of the recording.
 
     Args:
-        column_map: what to translate.
+        mapping: what to translate.
         names: columns of the log.
         file: the log, for messages.
 
     Raises:
         ValueError: an entry whose source the log lacks, or two sources for one column.
     """
-    where = f"{column_map.name}, used on {file}"
-    found = {key: e for key, e in column_map.entries.items() if "*" not in key}
+    where = f"{mapping.name}, used on {file}"
+    found = {key: e for key, e in mapping.entries.items() if "*" not in key}
     for entry in found.values():
         if entry.source not in names:
             raise ValueError(_lacks(where, entry.source, names))
@@ -169,10 +182,10 @@ def resolve(column_map: ColumnMap, names: Sequence[str], file: str) -> dict[str,
     left = [
         name
         for name in names
-        if name not in taken and not any(fnmatchcase(name, p) for p in column_map.drop)
+        if name not in taken and not any(fnmatchcase(name, p) for p in mapping.drop)
     ]
     for name in left:
-        starred = _starred(column_map.entries, name)
+        starred = _starred(mapping.entries, name)
         target, entry = starred or (name, Entry(name, 1.0, 1.0, 0.0))
         if target in found:
             raise ValueError(
@@ -180,7 +193,7 @@ def resolve(column_map: ColumnMap, names: Sequence[str], file: str) -> dict[str,
                 f"{found[target].source!r} and {name!r}; put one of them under drop"
             )
         found[target] = entry
-    for key, entry in column_map.entries.items():
+    for key, entry in mapping.entries.items():
         if "*" in key and not any(fnmatchcase(n, entry.source) for n in names):
             raise ValueError(_lacks(where, entry.source, names))
     return found

@@ -31,7 +31,9 @@ def draw_recording(recording: Recording, path: Path) -> None:
     for axes, joint in zip(grid[:, 0], shown, strict=True):
         command = recording.columns.get(f"command.{joint}")
         if command is not None:
-            axes.plot(time[::step], np.rad2deg(command[::step]), lw=0.8, label="command")
+            axes.plot(
+                time[::step], np.rad2deg(command[::step]), lw=0.8, label="command"
+            )
         position = np.rad2deg(recording.columns[f"position.{joint}"][::step])
         axes.plot(time[::step], position, lw=0.8, label="position")
         axes.set_ylabel(f"{joint}\ndegrees", fontsize=8)

@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gatjax.data.mapping import NO_MAP, ColumnMap, Entry, quantity_of, resolve, to_si
+from gatjax.data.mapping import ColumnMap, Entry, quantity_of, resolve, to_si
+from gatjax.data.readers.drafts import drafted
 from gatjax.data.readers.source import Run, Source, Stream
 from gatjax.data.recording import Recording
 
@@ -31,15 +32,18 @@ def assemble(source: Source, mapping: ColumnMap | None = None) -> Assembled:
 
     Args:
         source: what was read.
-        mapping: translates names, units, signs and offsets; `time` scales all clocks.
+        mapping: translates names, units, signs and offsets, `time` all clocks; None
+            takes what the format suggests.
 
     Raises:
         ValueError: one line: no positions, stamps that do not increase, nothing left.
     """
-    chosen = mapping or NO_MAP
+    draft = drafted(source)
+    chosen = mapping or draft
     names = sorted({name for run in source.runs for name in run})
     entries = _entries(chosen, names, source.name)
-    scale = chosen.entries["time"].factor if "time" in chosen.entries else 1.0
+    clock = chosen.entries.get("time") or draft.entries.get("time")
+    scale = 1.0 if clock is None else clock.factor
     notes, rows = list(source.notes), []
     for number, run in enumerate(source.runs):
         where = f"{source.name}: run {number}"
@@ -53,11 +57,41 @@ def assemble(source: Source, mapping: ColumnMap | None = None) -> Assembled:
     recording = Recording(
         name=source.name,
         time=np.concatenate([time for time, _ in rows]),
-        trajectory=np.concatenate([np.full(len(t), k) for k, (t, _) in enumerate(rows)]),
+        trajectory=np.concatenate(
+            [np.full(len(t), k) for k, (t, _) in enumerate(rows)]
+        ),
         columns={c: np.concatenate([found[c] for _, found in rows]) for c in columns},
         metadata={**source.metadata, **chosen.metadata},
     )
     return Assembled(recording, _counted(notes))
+
+
+def joined(parts: list[Recording], name: str) -> Recording:
+    """Recordings one after the other, each run with a number of its own.
+
+    Raises:
+        ValueError: one line: they have no joint in common.
+    """
+    if len(parts) == 1:
+        return parts[0]._replace(name=name)
+    shared = sorted(set.intersection(*(set(each.columns) for each in parts)))
+    if not any(column.startswith("position.") for column in shared):
+        raise ValueError(
+            f"{', '.join(each.name for each in parts)}: no joint is in all of these "
+            f"logs; import logs of one robot together"
+        )
+    ids, first = [], 0
+    for each in parts:
+        _, index = np.unique(each.trajectory, return_inverse=True)
+        ids.append(index + first)
+        first += int(index.max()) + 1
+    return Recording(
+        name=name,
+        time=np.concatenate([each.time for each in parts]),
+        trajectory=np.concatenate(ids),
+        columns={c: np.concatenate([e.columns[c] for e in parts]) for c in shared},
+        metadata=parts[0].metadata,
+    )
 
 
 def _entries(mapping: ColumnMap, names: Sequence[str], file: str) -> dict[str, Entry]:
@@ -72,8 +106,8 @@ def _rows(run: Run, where: str, notes: list[str]) -> tuple[np.ndarray, dict]:
     positions = [name for name in run if name.startswith("position.")]
     if not positions:
         raise ValueError(
-            f"{where}: no position of any joint; translate names with --map, a draft "
-            f"of one is written by gatjax import --draft; it has {', '.join(run)}"
+            f"{where}: no position of any joint; correct the draft of a map that "
+            f"gatjax import writes, and give it as --map; it has {', '.join(run)}"
         )
     for name, stream in run.items():
         _check_clock(stream.time, f"{where}, {name}")

@@ -37,7 +37,9 @@ def read(path: Path) -> Source:
         raise ValueError(f"{path}: no data/**/*.parquet; download the dataset's data")
     parts = [_table(file) for file in files]
     episode = np.concatenate([part["episode_index"] for part in parts])
-    names = {key: _names(features, key, parts[0][key].shape[1]) for key in (ACTION, STATE)}
+    names = {
+        key: _names(features, key, parts[0][key].shape[1]) for key in (ACTION, STATE)
+    }
     whole = {key: np.concatenate([part[key] for part in parts]) for key in NEEDED}
     runs: list[Run] = []
     for number in np.unique(episode):

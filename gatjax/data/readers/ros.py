@@ -6,100 +6,54 @@ by topic; a message is stamped by its header, by its log time where it has none.
 
 from __future__ import annotations
 
-import warnings
+import struct
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+from gatjax.data.readers.messages import KNOWN, Collector
+from gatjax.data.readers.source import Source, Tell
 
-from gatjax.data.readers.source import Run, Source, Stream
-
-JOINT_STATE, TRAJECTORY = "JointState", "JointTrajectory"
-ARRAY, IMU = "Float64MultiArray", "Imu"
-KNOWN = (JOINT_STATE, TRAJECTORY, ARRAY, IMU)
 COMMANDING = ("command", "cmd", "target", "goal", "desired", "reference")
 Message = tuple[str, str, float, Any]  # topic, type without package, log time s, body
 
 
-class Collector:
-    """Samples of each signal, in the order in which they came."""
-
-    def __init__(self) -> None:
-        self.times: dict[str, list[float]] = {}
-        self.values: dict[str, list[float]] = {}
-        self.unknown: dict[str, int] = {}
-
-    def add(self, name: str, time: float, value: float) -> None:
-        """Keep a sample."""
-        self.times.setdefault(name, []).append(time)
-        self.values.setdefault(name, []).append(float(value))
-
-    def take(self, topic: str, kind: str, logged: float, body: Any) -> None:
-        """Keep what a message says."""
-        time = _stamp(body) or logged
-        if kind == JOINT_STATE:
-            for field in ("position", "velocity", "effort"):
-                for joint, value in zip(body.name, getattr(body, field), strict=False):
-                    self.add(f"{topic}/{field}.{joint}", time, value)
-        elif kind == TRAJECTORY:
-            for point in body.points:
-                ahead = point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec
-                for joint, value in zip(body.joint_names, point.positions, strict=False):
-                    self.add(f"{topic}/position.{joint}", time + ahead, value)
-        elif kind == ARRAY:
-            for number, value in enumerate(body.data):
-                self.add(f"{topic}/data.{number}", logged, value)
-        elif kind == IMU:
-            for axis in "xyz":
-                self.add(f"{topic}/gyro.{axis}", time, getattr(body.angular_velocity, axis))
-                size = getattr(body.linear_acceleration, axis)
-                self.add(f"{topic}/accelerometer.{axis}", time, size)
-        else:
-            self.unknown[f"{topic} ({kind})"] = self.unknown.get(f"{topic} ({kind})", 0) + 1
-
-    def run(self) -> Run:
-        """All signals from the first stamp on, s."""
-        first = min((times[0] for times in self.times.values()), default=0.0)
-        return {
-            name: Stream(np.array(times) - first, np.array(self.values[name]))
-            for name, times in self.times.items()
-        }
-
-
-def read_mcap(path: Path) -> Source:
+def read_mcap(path: Path, tell: Tell) -> Source:
     """Read an MCAP file, message by message.
 
     Raises:
         ValueError: one line: truncated, or no message of a known type.
     """
-    return _source(path, "MCAP", _mcap(path))
+    return _source(path, "MCAP", _mcap(path, tell))
 
 
-def read_bag(path: Path) -> Source:
+def read_bag(path: Path, tell: Tell) -> Source:
     """Read a rosbag2 folder, message by message.
 
     Raises:
         ValueError: one line: broken, or no message of a known type.
     """
-    return _source(path, "rosbag2", _bag(path))
+    return _source(path, "rosbag2", _bag(path, tell))
 
 
 def _source(path: Path, kind: str, messages: Iterator[Message]) -> Source:
     """Collect all messages of a log."""
     found = Collector()
     for topic, name, logged, body in messages:
-        found.take(topic, name, logged, body)
+        try:
+            found.take(topic, name, logged, body)
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{path}: {error}") from error
     notes = [
         f"{path}: {count} messages of {topic} left out, their type is not read"
         for topic, count in found.unknown.items()
     ]
-    run = found.run()
+    run, moved = found.run(path)
     if not run:
         seen = ", ".join(found.unknown) or "no message at all"
         raise ValueError(f"{path}: no messages of {', '.join(KNOWN)}; it has {seen}")
     metadata = {"robot": path.stem}
-    return Source(str(path), kind, [run], draft(list(run)), metadata, notes)
+    return Source(str(path), kind, [run], draft(list(run)), metadata, moved + notes)
 
 
 def draft(names: list[str]) -> dict[str, dict[str, Any]]:
@@ -129,57 +83,52 @@ def draft(names: list[str]) -> dict[str, dict[str, Any]]:
     return out
 
 
-def _mcap(path: Path) -> Iterator[Message]:
+def _mcap(path: Path, tell: Tell) -> Iterator[Message]:
     """Messages of an MCAP file."""
     from mcap.exceptions import McapError
     from mcap.reader import make_reader
     from mcap_ros2.decoder import DecoderFactory
 
+    size, factory = path.stat().st_size, DecoderFactory()
     with path.open("rb") as file:
         try:
-            reader = make_reader(file, decoder_factories=[DecoderFactory()])
-            for schema, channel, message in reader.iter_messages(log_time_order=True):
+            for schema, channel, message in make_reader(file).iter_messages():
                 kind = "" if schema is None else schema.name.rpartition("/")[2]
                 body = None
-                if kind in KNOWN and schema is not None:
-                    decode = _decoder(reader, channel, schema)
-                    body = decode(message.data)
+                if kind in KNOWN:
+                    decode = factory.decoder_for(channel.message_encoding, schema)
+                    if decode is None:
+                        kind += f", {channel.message_encoding or 'not'} encoded"
+                    else:
+                        body = decode(message.data)
                 yield channel.topic, kind, 1e-9 * message.log_time, body
-        except (McapError, EOFError, OSError) as error:
+                tell(file.tell() / size)
+        except (McapError, EOFError, OSError, struct.error) as error:
             line = " ".join(str(error).split()) or type(error).__name__
             raise ValueError(
-                f"{path}: broken after {file.tell()} of {path.stat().st_size} bytes "
-                f"({line}); mcap recover mends what is there"
+                f"{path}: broken after {file.tell()} of {size} bytes ({line}); "
+                f"`mcap recover` keeps what can be read"
             ) from error
 
 
-def _decoder(reader: Any, channel: Any, schema: Any) -> Any:
-    """What turns the bytes of a channel into a message."""
-    for factory in reader._decoder_factories:
-        found = factory.decoder_for(channel.message_encoding, schema)
-        if found is not None:
-            return found
-    raise ValueError(f"{channel.topic}: {channel.message_encoding} is not read")
-
-
-def _bag(path: Path) -> Iterator[Message]:
+def _bag(path: Path, tell: Tell) -> Iterator[Message]:
     """Messages of a rosbag2 folder."""
-    from rosbags.highlevel import AnyReader
+    from rosbags.highlevel import AnyReader, AnyReaderError
     from rosbags.typesys import Stores, get_typestore
 
+    store, done = get_typestore(Stores.LATEST), 0
     try:
-        store = get_typestore(Stores.LATEST)
-        with warnings.catch_warnings(), AnyReader([path], default_typestore=store) as bag:
+        with AnyReader([path], default_typestore=store) as bag:
             for connection, logged, raw in bag.messages():
                 kind = connection.msgtype.rpartition("/")[2]
-                body = bag.deserialize(raw, connection.msgtype) if kind in KNOWN else None
+                body = (
+                    bag.deserialize(raw, connection.msgtype) if kind in KNOWN else None
+                )
                 yield connection.topic, kind, 1e-9 * logged, body
-    except (OSError, RuntimeError, ValueError, KeyError, AssertionError) as error:
+                done += 1
+                tell(done / bag.message_count)
+    except (AnyReaderError, OSError, KeyError, struct.error) as error:
         line = " ".join(str(error).split()) or type(error).__name__
-        raise ValueError(f"{path}: not a readable rosbag2 folder: {line}") from error
-
-
-def _stamp(body: Any) -> float:
-    """Seconds of a header's stamp; 0 where nobody filled it in."""
-    stamp = getattr(getattr(body, "header", None), "stamp", None)
-    return 0.0 if stamp is None else stamp.sec + 1e-9 * stamp.nanosec
+        raise ValueError(
+            f"{path}: broken after {done} messages ({line}); try `ros2 bag reindex`"
+        ) from error

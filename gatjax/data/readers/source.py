@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +17,10 @@ class Stream(NamedTuple):
 
 Run = dict[str, Stream]
 """Signals of one run by their name in the log."""
+
+
+Tell = Callable[[float], None]
+"""Is called with the share of a log that is read."""
 
 
 class Source(NamedTuple):

@@ -8,6 +8,7 @@ that asks for anything else is refused before anything of it is called.
 from __future__ import annotations
 
 import io
+import math
 import pickle
 import zipfile
 from collections import OrderedDict
@@ -19,6 +20,7 @@ import numpy as np
 from gatjax.data.readers.arrays import of_arrays
 from gatjax.data.readers.source import Source
 
+MOST = 1 << 28  # numbers of a tensor
 KINDS = {
     "FloatStorage": np.float32, "DoubleStorage": np.float64, "HalfStorage": np.float16,
     "LongStorage": np.int64, "IntStorage": np.int32, "ShortStorage": np.int16,
@@ -41,7 +43,9 @@ def read(path: Path) -> Source:
     except (pickle.UnpicklingError, EOFError, KeyError, IndexError) as error:
         raise ValueError(f"{path}: {' '.join(str(error).split())}") from error
     if not isinstance(found, dict):
-        raise ValueError(f"{path}: holds a {type(found).__name__}, not a dict of tensors")
+        raise ValueError(
+            f"{path}: holds a {type(found).__name__}, not a dict of tensors"
+        )
     arrays = {str(k): np.asarray(v) for k, v in found.items() if _plain(v)}
     return of_arrays(path, "PACE .pt", arrays)
 
@@ -70,7 +74,10 @@ class _Tensors(pickle.Unpickler):
     def persistent_load(self, pid: Any) -> np.ndarray:
         """The numbers of a storage."""
         _, kind, key, *_ = pid
-        return np.frombuffer(self.archive.read(f"{self.folder}data/{key}"), kind)
+        raw = self.archive.read(f"{self.folder}data/{key}")
+        if len(raw) % np.dtype(kind).itemsize:
+            raise pickle.UnpicklingError("the numbers of a tensor are cut off")
+        return np.frombuffer(raw, kind)
 
 
 def _rebuilt(
@@ -80,6 +87,8 @@ def _rebuilt(
     last = offset + sum((n - 1) * s for n, s in zip(shape, stride, strict=True))
     if min(shape, default=1) > 0 and not 0 <= last < len(storage):
         raise pickle.UnpicklingError("a tensor reaches beyond its numbers")
+    if math.prod(shape) > MOST:
+        raise pickle.UnpicklingError(f"a tensor claims {math.prod(shape)} numbers")
     steps = tuple(s * storage.itemsize for s in stride)
     view = np.lib.stride_tricks.as_strided(storage[offset:], shape, steps)
     return np.array(view)
