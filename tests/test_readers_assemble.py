@@ -28,7 +28,7 @@ def test_a_row_holds_the_last_command_and_none_before_the_first():
     assert made.recording.time[0] >= 0.5
     at = np.searchsorted(SLOW + 0.5, made.recording.time, side="right") - 1
     np.testing.assert_array_equal(made.recording.columns["command.a"], SLOW[at])
-    assert "46 rows before the first command left out" in " ".join(made.notes)
+    assert "run 0: 46 rows before the first command left out" in " ".join(made.notes)
 
 
 def test_what_is_slower_than_the_rows_is_interpolated_and_told():
@@ -71,7 +71,7 @@ def test_a_log_without_positions_is_refused_with_what_it_has():
 def test_columns_that_some_runs_lack_are_left_out():
     made = readers.assemble(source(PLAIN | run(velocity_a=(FAST, FAST)), PLAIN))
     assert set(made.recording.columns) == {"command.a", "position.a"}
-    assert any("velocity.a left out" in note for note in made.notes)
+    assert any("velocity.a: left out" in note for note in made.notes)
 
 
 def test_logs_of_one_robot_are_joined_with_runs_of_their_own():

@@ -18,6 +18,8 @@ from gatjax.data.readers.source import Run, Source, Stream
 from gatjax.data.recording import Recording
 
 HELD = ("command", "mode")  # families that hold until the next stamp
+NAMED = 4  # signals or runs that a note names
+Done = dict[str, dict[str, None]]  # what was done, to which signals or in which runs
 
 
 class Assembled(NamedTuple):
@@ -44,7 +46,7 @@ def assemble(source: Source, mapping: ColumnMap | None = None) -> Assembled:
     entries = _entries(chosen, names, source.name)
     clock = chosen.entries.get("time") or draft.entries.get("time")
     scale = 1.0 if clock is None else clock.factor
-    notes, rows = list(source.notes), []
+    rows, done = [], Done()
     for number, run in enumerate(source.runs):
         where = f"{source.name}: run {number}"
         clear = {
@@ -52,8 +54,8 @@ def assemble(source: Source, mapping: ColumnMap | None = None) -> Assembled:
             for column, e in entries.items()
             if e.source in run
         }
-        rows.append(_rows(clear, where, notes))
-    columns = _shared([set(found) for _, found in rows], source.name, notes)
+        rows.append(_rows(clear, where, done))
+    columns = _shared([set(found) for _, found in rows], done)
     recording = Recording(
         name=source.name,
         time=np.concatenate([time for time, _ in rows]),
@@ -63,7 +65,7 @@ def assemble(source: Source, mapping: ColumnMap | None = None) -> Assembled:
         columns={c: np.concatenate([found[c] for _, found in rows]) for c in columns},
         metadata={**source.metadata, **chosen.metadata},
     )
-    return Assembled(recording, _counted(notes))
+    return Assembled(recording, [*source.notes, *_told(source, done)])
 
 
 def joined(parts: list[Recording], name: str) -> Recording:
@@ -101,7 +103,7 @@ def _entries(mapping: ColumnMap, names: Sequence[str], file: str) -> dict[str, E
     return {column: e for column, e in found.items() if quantity_of(column)}
 
 
-def _rows(run: Run, where: str, notes: list[str]) -> tuple[np.ndarray, dict]:
+def _rows(run: Run, where: str, done: Done) -> tuple[np.ndarray, dict]:
     """Time [N] s of the rows of a run, and its columns [N] each."""
     positions = [name for name in run if name.startswith("position.")]
     if not positions:
@@ -118,25 +120,23 @@ def _rows(run: Run, where: str, notes: list[str]) -> tuple[np.ndarray, dict]:
     )
     time = clock[clock >= first]
     if len(time) < len(clock):
-        notes.append(
-            f"{where}: {len(clock) - len(time)} rows before the first command left out"
-        )
+        text = f"{len(clock) - len(time)} rows before the first command left out"
+        done.setdefault(text, {})[where.rpartition(": ")[2]] = None
     if len(time) == 0:
         raise ValueError(f"{where}: every command comes after the last position")
-    return time, {n: _at(time, n, s, where, notes) for n, s in run.items()}
+    return time, {n: _at(time, n, s, done) for n, s in run.items()}
 
 
-def _at(
-    time: np.ndarray, name: str, stream: Stream, where: str, notes: list[str]
-) -> np.ndarray:
+def _at(time: np.ndarray, name: str, stream: Stream, done: Done) -> np.ndarray:
     """A signal at the rows' stamps [N]."""
     if len(stream.time) >= len(time) and np.isin(time, stream.time).all():
         return stream.values[np.searchsorted(stream.time, time)]
     rate = 1.0 / float(np.median(np.diff(stream.time))) if len(stream.time) > 1 else 0.0
     if name.partition(".")[0] in HELD:
-        notes.append(f"{where}, {name}: {rate:.4g} Hz, held until the next one")
+        done.setdefault(f"{rate:.3g} Hz, held until the next one", {})[name] = None
         return stream.values[np.searchsorted(stream.time, time, side="right") - 1]
-    notes.append(f"{where}, {name}: {rate:.4g} Hz, interpolated to the rows' stamps")
+    text = f"{rate:.3g} Hz, interpolated to the rows' stamps"
+    done.setdefault(text, {})[name] = None
     return np.interp(time, stream.time, stream.values)
 
 
@@ -152,24 +152,20 @@ def _check_clock(time: np.ndarray, where: str) -> None:
         )
 
 
-def _shared(found: list[set[str]], name: str, notes: list[str]) -> list[str]:
+def _shared(found: list[set[str]], done: Done) -> list[str]:
     """Columns that all runs have."""
     every = set.intersection(*found)
     partly = sorted(set.union(*found) - every)
     if partly:
-        notes.append(f"{name}: {', '.join(partly)} left out, not in every run")
+        done["left out, not in every run"] = dict.fromkeys(partly)
     return sorted(every)
 
 
-def _counted(notes: list[str]) -> list[str]:
-    """Notes that only differ in the run they are about, as one with a count."""
-    heads: dict[str, list[str]] = {}
-    for note in notes:
-        head, run, tail = note.partition(": run ")
-        number, _, rest = tail.partition(",") if run else ("", "", "")
-        key = f"{head}:{rest}" if run and number.isdigit() else note
-        heads.setdefault(key, []).append(note)
-    return [
-        same[0] if len(same) == 1 else f"{key} (in {len(same)} runs)"
-        for key, same in heads.items()
-    ]
+def _told(source: Source, done: Done) -> list[str]:
+    """What was done, a line each; the first few signals or runs are named."""
+    lines = []
+    for text, what in done.items():
+        names, more = list(what)[:NAMED], len(what) - NAMED
+        rest = f" and {more} more" if more > 0 else ""
+        lines.append(f"{source.name}: {', '.join(names)}{rest}: {text}")
+    return lines
