@@ -24,6 +24,7 @@ from gatjax.loop.setting import Progress
 from gatjax.report.recording import draw_recording
 from gatjax.runs import write_whole
 
+LOOKED_AT = 200_000  # rows; checks of longer recordings take their time and memory
 OFTEN = 10.0  # s between lines of progress in a log
 
 
@@ -121,7 +122,19 @@ def _write_draft(path: Path, sources: list[readers.Source]) -> None:
 def _judge(recording: Recording, joints: list[str]) -> None:
     """Print what a diagnosis would say of the recording."""
     free = dict.fromkeys(joints, (-np.inf, np.inf))
+    if len(recording.time) > LOOKED_AT:
+        recording = _begun(recording)
+        print(f"note: looked over are the first {LOOKED_AT} rows")
     found = checks.findings(recording, free, "fit")
     for row in checks.summary([(recording, found)]):
         level = "no diagnosis" if row["level"] == "refuse" else row["level"]
         print(f"{level}: {row['text']}")
+
+
+def _begun(recording: Recording) -> Recording:
+    """The first rows of a recording."""
+    return recording._replace(
+        time=recording.time[:LOOKED_AT],
+        trajectory=recording.trajectory[:LOOKED_AT],
+        columns={name: v[:LOOKED_AT] for name, v in recording.columns.items()},
+    )

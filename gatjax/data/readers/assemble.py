@@ -49,23 +49,32 @@ def assemble(source: Source, mapping: ColumnMap | None = None) -> Assembled:
     rows, done = [], Done()
     for number, run in enumerate(source.runs):
         where = f"{source.name}: run {number}"
-        clear = {
-            column: Stream(scale * run[e.source].time, to_si(e, run[e.source].values))
-            for column, e in entries.items()
-            if e.source in run
-        }
+        clear = {c: _in_si(run[e.source], e, scale) for c, e in entries.items()
+                 if e.source in run}  # fmt: skip
         rows.append(_rows(clear, where, done))
     columns = _shared([set(found) for _, found in rows], done)
     recording = Recording(
         name=source.name,
-        time=np.concatenate([time for time, _ in rows]),
-        trajectory=np.concatenate(
-            [np.full(len(t), k) for k, (t, _) in enumerate(rows)]
-        ),
-        columns={c: np.concatenate([found[c] for _, found in rows]) for c in columns},
+        time=_strung([time for time, _ in rows]),
+        trajectory=_strung([np.full(len(t), k) for k, (t, _) in enumerate(rows)]),
+        columns={c: _strung([found[c] for _, found in rows]) for c in columns},
         metadata={**source.metadata, **chosen.metadata},
     )
     return Assembled(recording, [*source.notes, *_told(source, done)])
+
+
+def _in_si(stream: Stream, entry: Entry, scale: float) -> Stream:
+    """A signal in s and SI; not copied where it is that already, for logs are large."""
+    plain = (entry.factor, entry.sign, entry.offset) == (1.0, 1.0, 0.0)
+    return Stream(
+        stream.time if scale == 1.0 else scale * stream.time,
+        stream.values if plain else to_si(entry, stream.values),
+    )
+
+
+def _strung(parts: list[np.ndarray]) -> np.ndarray:
+    """Arrays one after the other; one alone is not copied."""
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 def joined(parts: list[Recording], name: str) -> Recording:
@@ -118,7 +127,7 @@ def _rows(run: Run, where: str, done: Done) -> tuple[np.ndarray, dict]:
         (s.time[0] for n, s in run.items() if n.partition(".")[0] in HELD),
         default=clock[0],
     )
-    time = clock[clock >= first]
+    time = clock if clock[0] >= first else clock[clock >= first]
     if len(time) < len(clock):
         text = f"{len(clock) - len(time)} rows before the first command left out"
         done.setdefault(text, {})[where.rpartition(": ")[2]] = None
@@ -129,8 +138,11 @@ def _rows(run: Run, where: str, done: Done) -> tuple[np.ndarray, dict]:
 
 def _at(time: np.ndarray, name: str, stream: Stream, done: Done) -> np.ndarray:
     """A signal at the rows' stamps [N]."""
-    if len(stream.time) >= len(time) and np.isin(time, stream.time).all():
-        return stream.values[np.searchsorted(stream.time, time)]
+    if stream.time is time or np.array_equal(stream.time, time):
+        return stream.values
+    at = np.minimum(np.searchsorted(stream.time, time), len(stream.time) - 1)
+    if np.array_equal(stream.time[at], time):
+        return stream.values[at]
     rate = 1.0 / float(np.median(np.diff(stream.time))) if len(stream.time) > 1 else 0.0
     if name.partition(".")[0] in HELD:
         done.setdefault(f"{rate:.3g} Hz, held until the next one", {})[name] = None
