@@ -8,11 +8,12 @@
     drop: [comment, diag_*]
     metadata: {robot: nao, base: floating, rate_hz: 50}
 
-A value becomes `factor * (sign * raw + offset)`: `factor` turns `unit` into SI, so
-`offset` is in `unit`. Left out, `from` is the column's own name, `unit` the SI unit,
-`sign` 1 and `offset` 0. A star stands for a joint or sensor; a spelled-out entry goes
-before a starred one. Columns that no entry takes keep their name, unless `drop` lists
-them. `metadata` overrules what the log says of itself.
+A value becomes `factor * (sign * scale * raw + offset)`: `factor` turns `unit` into
+SI, so `offset` is in `unit`, and `scale` is in `unit` per number of the log (what a
+joint of -100 to 100 needs). Left out, `from` is the column's own name, `unit` the SI
+unit, `sign` and `scale` 1 and `offset` 0. A star stands for a joint or sensor; a
+spelled-out entry goes before a starred one. Columns that no entry takes keep their
+name, unless `drop` lists them. `metadata` overrules what the log says of itself.
 """
 
 from __future__ import annotations
@@ -90,7 +91,7 @@ class Entry(NamedTuple):
 
     source: str  # column of the log
     factor: float  # SI unit per unit of the log
-    sign: float  # 1 or -1
+    slope: float  # sign times scale: unit of the map per number of the log
     offset: float  # in the unit of the log
 
 
@@ -201,7 +202,7 @@ def resolve(mapping: ColumnMap, names: Sequence[str], file: str) -> dict[str, En
 
 def to_si(entry: Entry, raw: np.ndarray) -> np.ndarray:
     """Scales raw values [N] of the log into SI [N]."""
-    return entry.factor * (entry.sign * raw + entry.offset)
+    return entry.factor * (entry.slope * raw + entry.offset)
 
 
 def _entry(column: str, entry: Any, where: str) -> Entry:
@@ -211,7 +212,7 @@ def _entry(column: str, entry: Any, where: str) -> Entry:
         raise ValueError(f"{where}: a recording has no such column; {COLUMN_FORMS}")
     if isinstance(entry, str):
         entry = {"from": entry}
-    _check_keys(entry, ("from", "unit", "sign", "offset"), where)
+    _check_keys(entry, ("from", "unit", "sign", "scale", "offset"), where)
     source = entry.get("from", column)
     if not isinstance(source, str):
         raise ValueError(f"{where}: from is {source!r}; put the column name in quotes")
@@ -227,8 +228,11 @@ def _entry(column: str, entry: Any, where: str) -> Entry:
     sign = _number(entry.get("sign", 1), f"{where}: sign")
     if sign not in (1.0, -1.0):
         raise ValueError(f"{where}: sign is {sign:g}; it must be 1 or -1")
+    scale = _number(entry.get("scale", 1), f"{where}: scale")
+    if scale <= 0.0:
+        raise ValueError(f"{where}: scale is {scale:g}; it must be more than 0")
     offset = _number(entry.get("offset", 0), f"{where}: offset")
-    return Entry(source=source, factor=units[unit], sign=sign, offset=offset)
+    return Entry(source, units[unit], sign * scale, offset)
 
 
 def _starred(entries: dict[str, Entry], name: str) -> tuple[str, Entry] | None:

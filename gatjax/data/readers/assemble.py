@@ -65,7 +65,7 @@ def assemble(source: Source, mapping: ColumnMap | None = None) -> Assembled:
 
 def _in_si(stream: Stream, entry: Entry, scale: float) -> Stream:
     """A signal in s and SI; not copied where it is that already, for logs are large."""
-    plain = (entry.factor, entry.sign, entry.offset) == (1.0, 1.0, 0.0)
+    plain = (entry.factor, entry.slope, entry.offset) == (1.0, 1.0, 0.0)
     return Stream(
         stream.time if scale == 1.0 else scale * stream.time,
         stream.values if plain else to_si(entry, stream.values),
