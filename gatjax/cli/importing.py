@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from gatjax.cli.arguments import Import
-from gatjax.cli.inputs import make_folder
 from gatjax.cli.progress import shown
 from gatjax.data import checks, readers
-from gatjax.data.mapping import read_map
+from gatjax.data.mapping import ColumnMap, read_map
 from gatjax.data.readers import drafts
 from gatjax.data.recording import (
     Recording,
@@ -20,11 +19,10 @@ from gatjax.data.recording import (
     check_recording,
     write_recording,
 )
-from gatjax.loop.setting import Progress
 from gatjax.report.recording import draw_recording
-from gatjax.runs import write_whole
+from gatjax.runs import Progress, make_folder, write_whole
 
-LOOKED_AT = 200_000  # rows; checks of longer recordings take their time and memory
+LOOKED_AT = 100_000  # rows; checks of longer recordings take their time and memory
 OFTEN = 10.0  # s between lines of progress in a log
 
 
@@ -40,16 +38,7 @@ def bring(verb: Import) -> None:
     check_ending(verb.out)
     given = None if verb.map is None else read_map(verb.map)
     make_folder(verb.out.parent)
-    with shown(float(len(verb.logs))) as progress:
-        sources = [readers.read(path, _teller(progress, path)) for path in verb.logs]
-    for source in sources:
-        _say(source)
-    if given is None:
-        _write_draft(verb.out.with_suffix(".map.yaml"), sources)
-    made = [readers.assemble(each, given) for each in sources]
-    recording = readers.joined([each.recording for each in made], str(verb.out))
-    for note in (note for each in made for note in each.notes):
-        print(f"note: {note}")
+    recording = _read(verb, given)
     joints = [c[9:] for c in recording.columns if c.startswith("position.")]
     check_recording(recording, joints)
     write_recording(verb.out, recording)
@@ -61,6 +50,20 @@ def bring(verb: Import) -> None:
         f"recording  {verb.out}: {rows} rows, {runs} runs, joints {', '.join(joints)}"
     )
     print(f"picture    {picture}")
+
+
+def _read(verb: Import, given: ColumnMap | None) -> Recording:
+    """The recording that the logs make; what is not in it is forgotten."""
+    with shown(float(len(verb.logs))) as progress:
+        sources = [readers.read(path, _teller(progress, path)) for path in verb.logs]
+    for source in sources:
+        _say(source)
+    if given is None:
+        _write_draft(verb.out.with_suffix(".map.yaml"), sources)
+    made = [readers.assemble(each, given) for each in sources]
+    for note in (note for each in made for note in each.notes):
+        print(f"note: {note}")
+    return readers.joined([each.recording for each in made], str(verb.out))
 
 
 def _teller(progress: Progress, path: Path) -> Callable[[float], None]:

@@ -51,6 +51,19 @@ def write_whole(files: Mapping[Path, bytes | Callable[[BinaryIO], None]]) -> Non
             half.unlink(missing_ok=True)
 
 
+def make_folder(path: Path) -> None:
+    """Makes the folder that --out means.
+
+    Raises:
+        ValueError: one line: a file is there, or nothing can be written.
+    """
+    if path.exists() and not path.is_dir():
+        raise ValueError(f"{path}: is a file, --out needs a folder here")
+    path.mkdir(parents=True, exist_ok=True)
+    if not os.access(path, os.W_OK):
+        raise ValueError(f"{path}: no permission to write there; choose another folder")
+
+
 def as_json(value: Any) -> Any:
     """What json does not know: paths, numpy numbers and arrays."""
     if isinstance(value, os.PathLike):
