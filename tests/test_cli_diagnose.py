@@ -8,8 +8,8 @@ from gatjax.cli.arguments import Diagnose, parse
 from gatjax.cli.diagnosis import read_logs
 from gatjax.cli.found import gain_lines, named_lines
 from gatjax.data.recording import Recording, write_recording
-from gatjax.loop.setting import Progress
 from gatjax.loop.staged import ENGINE, staged
+from gatjax.runs import Progress
 
 ARM = """
 <mujoco><worldbody><body>{free}<joint name="servo" range="-115 115"/>

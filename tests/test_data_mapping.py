@@ -57,6 +57,11 @@ def test_sign_and_offset_act_in_the_unit_of_the_log(tmp_path):
     np.testing.assert_allclose(found, np.deg2rad([-20.0]), rtol=1e-12)
 
 
+def test_a_scale_is_for_joints_without_a_unit(tmp_path):
+    entry = "{from: raw, unit: deg, sign: -1, scale: 0.5, offset: 10.0}"
+    np.testing.assert_allclose(column(tmp_path, entry, [30.0]), np.deg2rad([-5.0]))
+
+
 def test_a_bare_name_only_renames(tmp_path):
     np.testing.assert_array_equal(column(tmp_path, "raw", [0.5, 1.0]), [0.5, 1.0])
 
@@ -125,6 +130,7 @@ def test_a_mapped_log_reads_like_the_native_one(tmp_path):
             "unit 'kg' is unknown for angle; choose ",
         ),
         ("columns: {position.A: {sign: 2}}", "sign is 2; it must be 1 or -1"),
+        ("columns: {position.A: {scale: 0}}", "scale is 0; it must be more than 0"),
         (
             "columns: {position.A: {offset: two}}",
             "offset is 'two'; it must be a number",

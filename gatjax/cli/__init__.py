@@ -9,7 +9,7 @@ from typing import Any
 
 from gatjax import __version__
 from gatjax.cli import threads  # noqa: F401 before numpy is loaded
-from gatjax.cli.arguments import BenchDiagnose, Run, Search, parse
+from gatjax.cli.arguments import BenchDiagnose, Import, Run, Search, parse
 from gatjax.cli.interrupts import heeded
 
 STOPPED, FAILED = 130, 1  # exit codes: Ctrl-C, an error
@@ -32,10 +32,8 @@ def main(arguments: list[str] | None = None) -> int:
     chosen = None
     try:
         chosen = parse(given)
-        from gatjax.cli.verbs import act  # jax and mujoco load here, after --help
-
         with heeded():
-            act(chosen)
+            _act(chosen)
     except KeyboardInterrupt:
         print(f"gatjax: stopped; {_kept(chosen)}", file=sys.stderr)
         return STOPPED
@@ -45,6 +43,18 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"gatjax: {_line(error)}", file=sys.stderr)
         return FAILED
     return 0
+
+
+def _act(chosen: Any) -> None:
+    """Load what a verb needs, after --help, and do it."""
+    if isinstance(chosen, Import):
+        from gatjax.cli.importing import bring  # large logs: no room for jax and mujoco
+
+        bring(chosen)
+        return
+    from gatjax.cli.verbs import act
+
+    act(chosen)
 
 
 def _line(error: Exception) -> str:

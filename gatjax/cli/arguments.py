@@ -109,6 +109,28 @@ class Diagnose:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Import:
+    """Turn logs as people have them into one recording, for every other verb.
+
+    gatjax import walk.mcap --out walk.parquet
+
+    reads MCAP and rosbag2 (JointState, JointTrajectory, Float64MultiArray, Imu),
+    LeRobot datasets, BAM .json, SAGE folders, PACE .pt (no code in it is run), and
+    .npz, .csv and .parquet tables. It prints what it found and writes walk.parquet, a
+    picture of it, and walk.map.yaml: which signal was taken for which column, in which
+    unit. Correct that and give it as --map. Commands hold until the next one; rows are
+    those of the positions.
+    """
+
+    logs: tyro.conf.Positional[tuple[Path, ...]]
+    """Files or folders of one robot; each run becomes a trajectory of its own."""
+    out: Path
+    """Parquet or CSV file to write."""
+    map: Path | None = None
+    """YAML map of the signals' names, units, signs and offsets."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Ground:
     """Learn a grounding from recordings of robot and simulator."""
 
@@ -246,6 +268,7 @@ class Doctor:
 VERBS: dict[str, type] = {
     "run": Run,
     "collect": Collect,
+    "import": Import,
     "diagnose": Diagnose,
     "ground": Ground,
     "search": Search,

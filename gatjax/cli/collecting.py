@@ -8,12 +8,13 @@ import numpy as np
 
 from gatjax import motions
 from gatjax.cli import arguments as verbs
-from gatjax.cli.inputs import check_least, make_folder, policy_of, robot_of
+from gatjax.cli.inputs import check_least, policy_of, robot_of
 from gatjax.cli.progress import shown
 from gatjax.data.recording import Recording, check_ending, write_recording
 from gatjax.data.trajectories import to_recording
 from gatjax.loop.play import Play, Player, record_motion
 from gatjax.loop.setting import ROBOT_LOG, SIMULATOR_LOG, seeds
+from gatjax.runs import make_folder
 from gatjax.task import RATES, Task, task_at
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
@@ -46,12 +45,3 @@ def check_least(least: int, **numbers: int) -> None:
         if value < least:
             flag = name.replace("_", "-")
             raise ValueError(f"--{flag} is {value}; use {least} or more")
-
-
-def make_folder(path: Path) -> None:
-    """Make the folder that --out means."""
-    if path.exists() and not path.is_dir():
-        raise ValueError(f"{path}: is a file, --out needs a folder here")
-    path.mkdir(parents=True, exist_ok=True)
-    if not os.access(path, os.W_OK):
-        raise ValueError(f"{path}: no permission to write there; choose another folder")

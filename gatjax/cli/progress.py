@@ -17,7 +17,7 @@ from rich.progress import (
 )
 
 from gatjax.cli.interrupts import check
-from gatjax.loop.setting import Progress as Teller
+from gatjax.runs import Progress as Teller
 
 
 @contextmanager

@@ -15,15 +15,16 @@ from gatjax import loop, runs
 from gatjax.cli import arguments as verbs
 from gatjax.cli import logs
 from gatjax.cli.collecting import record, summary
-from gatjax.cli.inputs import check_least, make_folder, policy_of, robot_of, world_of
+from gatjax.cli.inputs import check_least, policy_of, robot_of, world_of
 from gatjax.cli.progress import shown
 from gatjax.cli.resume import open_search, resumed
 from gatjax.data.mapping import read_map
 from gatjax.data.recording import read_recording
-from gatjax.loop.setting import EVALUATION, Progress, seeds
+from gatjax.loop.setting import EVALUATION, seeds
 from gatjax.report import build_report
 from gatjax.report.page import build_walk_page
 from gatjax.robot.model import check_walker
+from gatjax.runs import Progress
 from gatjax.search import checked
 from gatjax.settings import LoopSettings, SearchSettings
 from gatjax.sim.backend import use_compile_cache
@@ -84,7 +85,7 @@ def ground(verb: verbs.Ground) -> None:
     robot = logs.checked(read_recording(verb.robot_log, mapping), world, least=4)
     simulator = logs.checked(read_recording(verb.simulator_log), world, least=2)
     logs.check_pair(robot, simulator)
-    make_folder(verb.out)
+    runs.make_folder(verb.out)
     with shown(3.0) as progress:
         progress.stage(f"{verb.method}: learn from {robot.name}")
         grounding = loop.learn_grounding(
@@ -141,7 +142,7 @@ def search(verb: verbs.Search) -> None:
     world = world_of(verb.world, task_at(verb.rate_hz))
     check_walker(world.model, str(world.source))
     key, theta = jax.random.key(verb.seed), policy_of(verb.policy)
-    make_folder(verb.out)
+    runs.make_folder(verb.out)
     open_search(verb, settings, theta)
     keys = jax.random.split(key)
     job = loop.Job(verb.out, "search", 0, world, theta, *keys)
@@ -196,7 +197,7 @@ def view(verb: verbs.View) -> None:
 
         play(model, states(model, walk), task.control_period)
         return
-    make_folder(verb.out.parent)
+    runs.make_folder(verb.out.parent)
     if verb.out.suffix == ".mp4":
         from gatjax.cli.film import film
 
@@ -240,7 +241,7 @@ def diagnose(verb: verbs.Diagnose) -> None:
     check_least(0, seed=verb.seed)
     use_compile_cache()
     logs_of_robot = read_logs(verb)
-    make_folder(verb.out)
+    runs.make_folder(verb.out)
     explain(verb, logs_of_robot)
 
 
@@ -251,7 +252,7 @@ def bench_diagnose(verb: verbs.BenchDiagnose) -> None:
 
     check_least(0, seed=verb.seed)
     check_least(1, jobs=verb.jobs, cases=1 if verb.cases is None else verb.cases)
-    make_folder(verb.out)
+    runs.make_folder(verb.out)
     measure(verb)
 
 

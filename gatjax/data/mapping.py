@@ -8,11 +8,12 @@
     drop: [comment, diag_*]
     metadata: {robot: nao, base: floating, rate_hz: 50}
 
-A value becomes `factor * (sign * raw + offset)`: `factor` turns `unit` into SI, so
-`offset` is in `unit`. Left out, `from` is the column's own name, `unit` the SI unit,
-`sign` 1 and `offset` 0. A star stands for a joint or sensor; a spelled-out entry goes
-before a starred one. Columns that no entry takes keep their name, unless `drop` lists
-them. `metadata` overrules what the log says of itself.
+A value becomes `factor * (sign * scale * raw + offset)`: `factor` turns `unit` into
+SI, so `offset` is in `unit`, and `scale` is in `unit` per number of the log (what a
+joint of -100 to 100 needs). Left out, `from` is the column's own name, `unit` the SI
+unit, `sign` and `scale` 1 and `offset` 0. A star stands for a joint or sensor; a
+spelled-out entry goes before a starred one. Columns that no entry takes keep their
+name, unless `drop` lists them. `metadata` overrules what the log says of itself.
 """
 
 from __future__ import annotations
@@ -90,7 +91,7 @@ class Entry(NamedTuple):
 
     source: str  # column of the log
     factor: float  # SI unit per unit of the log
-    sign: float  # 1 or -1
+    slope: float  # sign times scale: unit of the map per number of the log
     offset: float  # in the unit of the log
 
 
@@ -130,18 +131,31 @@ def read_map(path: str | Path) -> ColumnMap:
         tree = yaml.load(path.read_text(encoding="utf-8"), Loader=_StrictLoader)
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ValueError(f"{path}: not YAML: {' '.join(str(error).split())}") from error
-    _check_keys(tree, ("columns", "drop", "metadata"), f"{path}")
+    return column_map(tree, str(path))
+
+
+def column_map(tree: Any, name: str) -> ColumnMap:
+    """The map that a tree with the keys columns, drop and metadata says.
+
+    Args:
+        tree: as YAML gives it.
+        name: file it came from, for messages.
+
+    Raises:
+        ValueError: one line with the key, unit, sign or offset that is wrong.
+    """
+    _check_keys(tree, ("columns", "drop", "metadata"), name)
     columns = tree.get("columns") or {}
     drop = tree.get("drop") or []
     metadata = tree.get("metadata") or {}
     if not isinstance(columns, dict) or not isinstance(metadata, dict):
-        raise ValueError(f"{path}: 'columns' and 'metadata' must be key: value lists")
+        raise ValueError(f"{name}: 'columns' and 'metadata' must be key: value lists")
     if not isinstance(drop, list) or not all(isinstance(item, str) for item in drop):
-        raise ValueError(f"{path}: 'drop' must be a list of column names or patterns")
+        raise ValueError(f"{name}: 'drop' must be a list of column names or patterns")
     return ColumnMap(
-        name=str(path),
+        name=name,
         entries={
-            str(column): _entry(str(column), entry, f"{path}: {column}")
+            str(column): _entry(str(column), entry, f"{name}: {column}")
             for column, entry in columns.items()
         },
         drop=tuple(drop),
@@ -149,19 +163,19 @@ def read_map(path: str | Path) -> ColumnMap:
     )
 
 
-def resolve(column_map: ColumnMap, names: Sequence[str], file: str) -> dict[str, Entry]:
+def resolve(mapping: ColumnMap, names: Sequence[str], file: str) -> dict[str, Entry]:
     """Finds the log's column, and its scaling, for every column of the recording.
 
     Args:
-        column_map: what to translate.
+        mapping: what to translate.
         names: columns of the log.
         file: the log, for messages.
 
     Raises:
         ValueError: an entry whose source the log lacks, or two sources for one column.
     """
-    where = f"{column_map.name}, used on {file}"
-    found = {key: e for key, e in column_map.entries.items() if "*" not in key}
+    where = f"{mapping.name}, used on {file}"
+    found = {key: e for key, e in mapping.entries.items() if "*" not in key}
     for entry in found.values():
         if entry.source not in names:
             raise ValueError(_lacks(where, entry.source, names))
@@ -169,10 +183,10 @@ def resolve(column_map: ColumnMap, names: Sequence[str], file: str) -> dict[str,
     left = [
         name
         for name in names
-        if name not in taken and not any(fnmatchcase(name, p) for p in column_map.drop)
+        if name not in taken and not any(fnmatchcase(name, p) for p in mapping.drop)
     ]
     for name in left:
-        starred = _starred(column_map.entries, name)
+        starred = _starred(mapping.entries, name)
         target, entry = starred or (name, Entry(name, 1.0, 1.0, 0.0))
         if target in found:
             raise ValueError(
@@ -180,7 +194,7 @@ def resolve(column_map: ColumnMap, names: Sequence[str], file: str) -> dict[str,
                 f"{found[target].source!r} and {name!r}; put one of them under drop"
             )
         found[target] = entry
-    for key, entry in column_map.entries.items():
+    for key, entry in mapping.entries.items():
         if "*" in key and not any(fnmatchcase(n, entry.source) for n in names):
             raise ValueError(_lacks(where, entry.source, names))
     return found
@@ -188,7 +202,7 @@ def resolve(column_map: ColumnMap, names: Sequence[str], file: str) -> dict[str,
 
 def to_si(entry: Entry, raw: np.ndarray) -> np.ndarray:
     """Scales raw values [N] of the log into SI [N]."""
-    return entry.factor * (entry.sign * raw + entry.offset)
+    return entry.factor * (entry.slope * raw + entry.offset)
 
 
 def _entry(column: str, entry: Any, where: str) -> Entry:
@@ -198,7 +212,7 @@ def _entry(column: str, entry: Any, where: str) -> Entry:
         raise ValueError(f"{where}: a recording has no such column; {COLUMN_FORMS}")
     if isinstance(entry, str):
         entry = {"from": entry}
-    _check_keys(entry, ("from", "unit", "sign", "offset"), where)
+    _check_keys(entry, ("from", "unit", "sign", "scale", "offset"), where)
     source = entry.get("from", column)
     if not isinstance(source, str):
         raise ValueError(f"{where}: from is {source!r}; put the column name in quotes")
@@ -214,8 +228,11 @@ def _entry(column: str, entry: Any, where: str) -> Entry:
     sign = _number(entry.get("sign", 1), f"{where}: sign")
     if sign not in (1.0, -1.0):
         raise ValueError(f"{where}: sign is {sign:g}; it must be 1 or -1")
+    scale = _number(entry.get("scale", 1), f"{where}: scale")
+    if scale <= 0.0:
+        raise ValueError(f"{where}: scale is {scale:g}; it must be more than 0")
     offset = _number(entry.get("offset", 0), f"{where}: offset")
-    return Entry(source=source, factor=units[unit], sign=sign, offset=offset)
+    return Entry(source, units[unit], sign * scale, offset)
 
 
 def _starred(entries: dict[str, Entry], name: str) -> tuple[str, Entry] | None:

@@ -8,11 +8,11 @@ header) and column.
 
 from __future__ import annotations
 
-import io
 import json
 import math
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -33,6 +33,7 @@ from gatjax.runs import read_json, write_whole
 
 LARGEST_ANGLE = 6.4  # rad, just over a full turn: no position servo goes there
 DEGREES_SHARE = 0.05  # of the rows; fewer are glitches, not a unit
+GROUP = 1 << 16  # rows of a Parquet file that are written together
 FOREIGN_METADATA = ("pandas", "ARROW:schema")  # what other writers put in Parquet
 
 
@@ -105,15 +106,16 @@ def write_recording(path: str | Path, recording: Recording) -> None:
             **{k: np.asarray(v, np.float64) for k, v in recording.columns.items()},
         }
     )
-    buffer = io.BytesIO()
     if check_ending(path) == ".parquet":
         text = {key: str(value) for key, value in metadata.items()}
-        parquet.write_table(table.replace_schema_metadata(text), buffer)
-        write_whole({path: buffer.getvalue()})
+        table = table.replace_schema_metadata(text)
+        write = partial(parquet.write_table, table, row_group_size=GROUP)
+        write_whole({path: write})
     else:
-        csv.write_csv(table, buffer)
         beside = json.dumps(metadata, indent=2).encode()
-        write_whole({path.with_suffix(".json"): beside, path: buffer.getvalue()})
+        write_whole(
+            {path.with_suffix(".json"): beside, path: partial(csv.write_csv, table)}
+        )
 
 
 def check_recording(recording: Recording, joints: Sequence[str]) -> None:

@@ -10,8 +10,9 @@ from gatjax.loop.ground import (
 )
 from gatjax.loop.optimise import Candidate, Job, optimise
 from gatjax.loop.robots import Simulator
-from gatjax.loop.setting import Progress, Robot, Setting, resolved, total_work
+from gatjax.loop.setting import Robot, Setting, resolved, total_work
 from gatjax.loop.stages import run
+from gatjax.runs import Progress
 
 __all__ = [
     "Candidate",

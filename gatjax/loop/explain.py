@@ -12,11 +12,11 @@ from gatjax.diagnosis.diagnose import Logs, diagnose
 from gatjax.loop.collect import collect, collect_motion
 from gatjax.loop.ground import HELD_OUT, STABILITY_ROLLOUTS, count_falls
 from gatjax.loop.play import Player
-from gatjax.loop.setting import DIAGNOSIS_UNIT, Entry, Progress, Setting
+from gatjax.loop.setting import DIAGNOSIS_UNIT, Entry, Setting
 from gatjax.loop.staged import staged
 from gatjax.records import JOINTS
 from gatjax.robot.nao import LIMITS
-from gatjax.runs import write_whole
+from gatjax.runs import Progress, write_whole
 from gatjax.runs.files import read_json
 from gatjax.sim.backend import prepare
 from gatjax.sim.world import World, add_cause, read_world, write_world

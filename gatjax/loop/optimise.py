@@ -10,8 +10,9 @@ import jax
 import numpy as np
 
 from gatjax import checkpoints, runs, search
-from gatjax.loop.setting import SIMULATOR_UNIT, Progress
+from gatjax.loop.setting import SIMULATOR_UNIT
 from gatjax.records import Array
+from gatjax.runs import Progress
 from gatjax.settings import LoopSettings
 from gatjax.sim.backend import costs, pairs, prepare
 from gatjax.sim.world import World

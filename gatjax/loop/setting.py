@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from gatjax.grounding.learn import check_method
 from gatjax.records import Array, Outcome, Trajectory
+from gatjax.runs import Progress
 from gatjax.search import checked
 from gatjax.settings import LoopSettings
 from gatjax.sim.backend import BACKENDS, default_backend
@@ -40,13 +41,6 @@ class Robot(Protocol):
     ) -> tuple[Trajectory, Outcome]:
         """Walk policies [N, 15] with seeds [N], one run each; results [N, ...]."""
         ...
-
-
-class Progress(NamedTuple):
-    """Where long work says what it does and how much of it is done."""
-
-    stage: Callable[[str], None]
-    work: Callable[[float], None]  # units done since the last call
 
 
 class Setting(NamedTuple):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 
-from gatjax.loop.setting import Progress
+from gatjax.runs import Progress
 
 ENGINE = {
     "stand": ("simulate the standing robot", 0.0, 0.1),

@@ -17,8 +17,9 @@ from gatjax.loop.explain import explained
 from gatjax.loop.ground import ground
 from gatjax.loop.optimise import Candidate, Job, optimise
 from gatjax.loop.robots import Simulator
-from gatjax.loop.setting import Entry, Progress, Robot, Setting
+from gatjax.loop.setting import Entry, Robot, Setting
 from gatjax.records import Array
+from gatjax.runs import Progress
 from gatjax.settings import LoopSettings
 from gatjax.sim.world import nominal
 from gatjax.task import task_at

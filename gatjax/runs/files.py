@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 
 def write_json(path: Path, tree: Mapping[str, Any]) -> None:
@@ -18,8 +18,11 @@ def write_json(path: Path, tree: Mapping[str, Any]) -> None:
     write_whole({path: (json.dumps(tree, indent=2, default=as_json) + "\n").encode()})
 
 
-def write_whole(files: Mapping[Path, bytes]) -> None:
+def write_whole(files: Mapping[Path, bytes | Callable[[BinaryIO], None]]) -> None:
     """Writes files beside their places and then renames them: all or none.
+
+    Args:
+        files: by path, their content, or what writes it into an open file.
 
     Raises:
         OSError: one line; nothing was changed.
@@ -29,7 +32,11 @@ def write_whole(files: Mapping[Path, bytes]) -> None:
     try:
         for half, target in halves.items():
             with open(half, "wb") as file:
-                file.write(files[target])
+                content = files[target]
+                if callable(content):
+                    content(file)
+                else:
+                    file.write(content)
                 file.flush()
                 os.fsync(file.fileno())
         for half, target in halves.items():
@@ -42,6 +49,19 @@ def write_whole(files: Mapping[Path, bytes]) -> None:
     finally:
         for half in halves:
             half.unlink(missing_ok=True)
+
+
+def make_folder(path: Path) -> None:
+    """Makes the folder that --out means.
+
+    Raises:
+        ValueError: one line: a file is there, or nothing can be written.
+    """
+    if path.exists() and not path.is_dir():
+        raise ValueError(f"{path}: is a file, --out needs a folder here")
+    path.mkdir(parents=True, exist_ok=True)
+    if not os.access(path, os.W_OK):
+        raise ValueError(f"{path}: no permission to write there; choose another folder")
 
 
 def as_json(value: Any) -> Any:

@@ -1,0 +1,143 @@
+"""`gatjax import`: logs as people have them, into one recording."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from gatjax.cli.arguments import Import
+from gatjax.cli.progress import shown
+from gatjax.data import checks, readers
+from gatjax.data.mapping import ColumnMap, read_map
+from gatjax.data.readers import drafts
+from gatjax.data.recording import (
+    Recording,
+    check_ending,
+    check_recording,
+    write_recording,
+)
+from gatjax.report.recording import draw_recording
+from gatjax.runs import Progress, make_folder, write_whole
+
+LOOKED_AT = 100_000  # rows; checks of longer recordings take their time and memory
+OFTEN = 10.0  # s between lines of progress in a log
+
+
+def bring(verb: Import) -> None:
+    """Read logs, put each on one clock, write and show the recording.
+
+    Raises:
+        ValueError: one line with what is wrong and where.
+        FileNotFoundError: a log or the map is not there.
+    """
+    if not verb.logs:
+        raise ValueError("no log is named; give at least one file or folder")
+    check_ending(verb.out)
+    given = None if verb.map is None else read_map(verb.map)
+    make_folder(verb.out.parent)
+    recording = _read(verb, given)
+    joints = [c[9:] for c in recording.columns if c.startswith("position.")]
+    check_recording(recording, joints)
+    write_recording(verb.out, recording)
+    _judge(recording, joints)
+    picture = verb.out.with_suffix(".png")
+    draw_recording(recording, picture)
+    rows, runs = len(recording.time), len(np.unique(recording.trajectory))
+    print(
+        f"recording  {verb.out}: {rows} rows, {runs} runs, joints {', '.join(joints)}"
+    )
+    print(f"picture    {picture}")
+
+
+def _read(verb: Import, given: ColumnMap | None) -> Recording:
+    """The recording that the logs make; what is not in it is forgotten."""
+    with shown(float(len(verb.logs))) as progress:
+        sources = [readers.read(path, _teller(progress, path)) for path in verb.logs]
+    for source in sources:
+        _say(source)
+    if given is None:
+        _write_draft(verb.out.with_suffix(".map.yaml"), sources)
+    made = [readers.assemble(each, given) for each in sources]
+    for note in (note for each in made for note in each.notes):
+        print(f"note: {note}")
+    return readers.joined([each.recording for each in made], str(verb.out))
+
+
+def _teller(progress: Progress, path: Path) -> Callable[[float], None]:
+    """Tells how much of a log is read."""
+    progress.stage(f"read {path.name}")
+    state = {"told": 0.0, "time": time.monotonic()}
+
+    def tell(share: float) -> None:
+        progress.work(share - state["told"])
+        state["told"] = share
+        if time.monotonic() - state["time"] > OFTEN:
+            state["time"] = time.monotonic()
+            progress.stage(f"read {path.name}")
+
+    return tell
+
+
+def _say(source: readers.Source) -> None:
+    """Print what was found in a log."""
+    count = len(source.runs)
+    print(f"{source.name}: {source.kind}, {count} run{'s' * (count > 1)}")
+    scale, unit = drafts.clock(source)
+    run = source.runs[0]
+    width = max(len(name) for name in run)
+    for name, stream in run.items():
+        print(f"  {name:<{width}}  {_facts(stream, scale, unit)}")
+
+
+def _facts(stream: readers.Stream, scale: float, unit: str) -> str:
+    """Rate, gaps, range and resolution of a signal."""
+    steps = scale * np.diff(stream.time)
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    rate = f"{1.0 / usual:.4g} {unit}" if usual > 0.0 else "no rate"
+    gaps = int(np.sum(steps > 2.5 * usual)) if usual > 0.0 else 0
+    finite = stream.values[np.isfinite(stream.values)]
+    if not len(finite):
+        return f"{len(stream.time)} samples, none of them a number"
+    apart = np.diff(np.unique(np.round(finite, 9)))
+    least = f", steps of {apart.min():.3g} or more" if len(apart) else ", constant"
+    said = f"{len(stream.time)} samples, {rate}"
+    said += f", {gaps} gap{'s' * (gaps > 1)}" if gaps else ""
+    return f"{said}, {finite.min():.4g} to {finite.max():.4g}{least}"
+
+
+def _write_draft(path: Path, sources: list[readers.Source]) -> None:
+    """Write the draft of a map, unless there is another one that may be corrected."""
+    text = drafts.text(sources).encode("utf-8")
+    if path.is_file() and path.read_bytes() != text:
+        print(
+            f"map        {path} is there already and stays; give it as --map to use it"
+        )
+        return
+    write_whole({path: text})
+    print(
+        f"map        {path}: a draft; correct names, units, signs and give it as --map"
+    )
+
+
+def _judge(recording: Recording, joints: list[str]) -> None:
+    """Print what a diagnosis would say of the recording."""
+    free = dict.fromkeys(joints, (-np.inf, np.inf))
+    if len(recording.time) > LOOKED_AT:
+        recording = _begun(recording)
+        print(f"note: looked over are the first {LOOKED_AT} rows")
+    found = checks.findings(recording, free, "fit")
+    for row in checks.summary([(recording, found)]):
+        level = "no diagnosis" if row["level"] == "refuse" else row["level"]
+        print(f"{level}: {row['text']}")
+
+
+def _begun(recording: Recording) -> Recording:
+    """The first rows of a recording."""
+    return recording._replace(
+        time=recording.time[:LOOKED_AT],
+        trajectory=recording.trajectory[:LOOKED_AT],
+        columns={name: v[:LOOKED_AT] for name, v in recording.columns.items()},
+    )

@@ -1,0 +1,86 @@
+"""Dicts of arrays [N] and [N, J]: NPZ files, and the .pt files of PACE."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gatjax.data.readers.source import Run, Source, Stream, table
+
+TIMES = ("time", "t", "timestamp", "timestamps", "stamps")
+NAMES = ("joint_names", "joints", "names")
+FAMILIES = {
+    "command": ("command", "target", "action", "des_dof_pos", "q_des", "q_cmd", "goal"),
+    "position": ("position", "dof_pos", "q", "qpos", "state", "angle"),
+    "velocity": ("velocity", "dof_vel", "qd", "dq", "qvel"),
+    "torque": ("torque", "effort", "tau", "dof_torque"),
+}
+"""Families of a recording, and what their arrays are called in the wild."""
+
+
+def read_npz(path: Path) -> Source:
+    """Read an .npz file; nothing in it is executed.
+
+    Raises:
+        ValueError: one line: no such file, objects in it, no time, odd shapes.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+    except (ValueError, OSError, EOFError) as error:
+        reason = " ".join(str(error).split())
+        raise ValueError(f"{path}: not a plain .npz file: {reason}") from error
+    return of_arrays(path, "NPZ", arrays)
+
+
+def of_arrays(path: Path, kind: str, arrays: Mapping[str, np.ndarray]) -> Source:
+    """A log that is a dict of arrays whose rows are samples.
+
+    Arrays [N] and [N, J] share the one time [N]; what is shaped otherwise is left out.
+    """
+    time = next((arrays[name] for name in TIMES if name in arrays), None)
+    if time is None or np.ndim(time) != 1:
+        raise ValueError(
+            f"{path}: no array of times [N] ({', '.join(TIMES)}); it has "
+            f"{', '.join(f'{n} {a.shape}' for n, a in arrays.items())}"
+        )
+    time = np.asarray(time, np.float64)
+    listed = next((arrays[name] for name in NAMES if name in arrays), None)
+    joints = None if listed is None else [str(each) for each in np.ravel(listed)]
+    run: Run = {}
+    draft: dict[str, dict[str, Any]] = {}
+    left = []
+    for name, array in arrays.items():
+        if name in TIMES or name in NAMES:
+            continue
+        fits = array.ndim in (1, 2) and len(array) == len(time)
+        if not fits or not np.issubdtype(array.dtype, np.number):
+            left.append(f"{name} {array.shape}")
+            continue
+        if array.ndim == 1:
+            run[name] = Stream(time, array.astype(np.float64))
+            continue
+        count = array.shape[1]
+        own = joints if joints and len(joints) == count else _numbered(count)
+        run |= table(f"{name}.", own, time, array)
+        family = _family(name)
+        if family:
+            draft |= {f"{family}.{j}": {"from": f"{name}.{j}"} for j in own}
+    notes = []
+    if left:
+        notes.append(f"{path}: left out, no rows of samples: {', '.join(left)}")
+    return Source(str(path), kind, [run], draft, {}, notes)
+
+
+def _numbered(count: int) -> list[str]:
+    """Names of joints that nobody named."""
+    return [f"joint_{k}" for k in range(count)]
+
+
+def _family(name: str) -> str | None:
+    """Family of a recording that an array belongs to, if its name tells."""
+    low = name.lower()
+    return next((f for f, names in FAMILIES.items() if low in names), None)

@@ -1,0 +1,77 @@
+"""BAM JSON: one servo with a pendulum, one file a run (github.com/Rhoban/bam)."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gatjax.data.readers.source import Source, Stream
+
+JOINT = "servo"
+DRAFT = {
+    f"command.{JOINT}": {"from": "goal_position", "unit": "rad"},
+    f"position.{JOINT}": {"from": "position", "unit": "rad"},
+    f"velocity.{JOINT}": {"from": "speed", "unit": "rad/s"},
+    f"temperature.{JOINT}": {"from": "temp", "unit": "degC"},
+    "voltage": {"from": "input_volts", "unit": "V"},
+}
+FACTS = ("motor", "trajectory", "mass", "length", "arm_mass", "kp", "vin")
+
+
+def is_bam(tree: Any) -> bool:
+    """Whether a JSON is such a log."""
+    return isinstance(tree, dict) and isinstance(tree.get("entries"), list)
+
+
+def read(path: Path) -> Source:
+    """Read one log; rows after the torque was switched off are left out.
+
+    What is commanded while the torque is off is no command.
+
+    Raises:
+        ValueError: one line: another JSON, or no rows.
+    """
+    try:
+        tree = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise ValueError(f"{path}: not JSON: {error}") from error
+    if not is_bam(tree):
+        raise ValueError(f"{path}: a BAM log has a list 'entries'; this has none")
+    rows, notes = tree["entries"], []
+    on = [bool(row.get("torque_enable", True)) for row in rows]
+    if not all(on):
+        kept = on.index(False)
+        notes.append(
+            f"{path}: {len(rows) - kept} rows left out, from row {kept + 1} on the "
+            f"torque is off and the goal no command"
+        )
+        rows = rows[:kept]
+    if len(rows) < 2:
+        raise ValueError(f"{path}: fewer than two rows with the torque on")
+    time = _column(rows, "timestamp", path)
+    run = {
+        name: Stream(time, _column(rows, name, path))
+        for name in rows[0]
+        if name not in ("timestamp", "torque_enable")
+    }
+    draft = {column: entry for column, entry in DRAFT.items() if entry["from"] in run}
+    facts = {name: tree[name] for name in FACTS if name in tree}
+    metadata = {"robot": f"bam {tree.get('motor', '')}".strip(), "base": "fixed"}
+    return Source(str(path), "BAM JSON", [run], draft, metadata | facts, notes)
+
+
+def _column(rows: list[dict[str, Any]], name: str, path: Path) -> np.ndarray:
+    """A number of all rows."""
+    try:
+        return np.array([float(row[name]) for row in rows])
+    except (KeyError, TypeError, ValueError) as error:
+        row = next(k for k, each in enumerate(rows) if not _number(each.get(name)))
+        raise ValueError(f"{path}: entry {row + 1} has no number {name!r}") from error
+
+
+def _number(value: Any) -> bool:
+    """Whether a JSON value is a number."""
+    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -1,0 +1,42 @@
+"""What a foreign log holds: every signal on its own clock, run by run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+
+class Stream(NamedTuple):
+    """One signal as it was stamped."""
+
+    time: np.ndarray  # [N] in the unit of the log
+    values: np.ndarray  # [N] in the unit of the log
+
+
+Run = dict[str, Stream]
+"""Signals of one run by their name in the log."""
+
+
+Tell = Callable[[float], None]
+"""Is called with the share of a log that is read."""
+
+
+class Source(NamedTuple):
+    """A log that was read and not changed."""
+
+    name: str  # the file or folder
+    kind: str  # the format, in words
+    runs: list[Run]
+    draft: dict[str, dict[str, Any]]  # columns of a map: what the format tells of names
+    metadata: dict[str, Any]
+    notes: list[str]  # what was left out, one line each
+
+
+def table(prefix: str, names: list[str], time: np.ndarray, values: np.ndarray) -> Run:
+    """Signals `<prefix><name>` of a table [N, len(names)]."""
+    return {
+        f"{prefix}{name}": Stream(time, np.ascontiguousarray(values[:, k], np.float64))
+        for k, name in enumerate(names)
+    }

@@ -1,0 +1,57 @@
+"""A recording as a picture: what every joint was told and did."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from gatjax.data.recording import Recording
+
+MOST = 12  # joints that are drawn
+POINTS = 3000  # of each line
+DOTS = 110
+APART = 0.5  # s between two runs
+
+
+def draw_recording(recording: Recording, path: Path) -> None:
+    """Draw command and position of each joint over time, runs one after the other.
+
+    Args:
+        recording: SI.
+        path: png to write.
+    """
+    seen = [c[9:] for c in recording.columns if c.startswith("position.")]
+    shown = sorted(seen)[:MOST]
+    time = _strung(recording)
+    step = max(1, len(time) // POINTS)
+    figure = Figure(figsize=(11.0, 1.0 + 1.5 * len(shown)), layout="constrained")
+    grid = figure.subplots(len(shown), 1, sharex=True, squeeze=False)
+    for axes, joint in zip(grid[:, 0], shown, strict=True):
+        command = recording.columns.get(f"command.{joint}")
+        if command is not None:
+            axes.plot(
+                time[::step], np.rad2deg(command[::step]), lw=0.8, label="command"
+            )
+        position = np.rad2deg(recording.columns[f"position.{joint}"][::step])
+        axes.plot(time[::step], position, lw=0.8, label="position")
+        axes.set_ylabel(f"{joint}\ndegrees", fontsize=8)
+        for end in np.flatnonzero(np.diff(recording.trajectory)):
+            axes.axvline(time[end], color="0.8", lw=0.6)
+    grid[0, 0].legend(loc="upper right", fontsize=8, ncols=2)
+    left = len(seen) - len(shown)
+    more = f", {left} more joints not drawn" if left else ""
+    grid[-1, 0].set_xlabel(f"time, runs one after the other, s{more}")
+    figure.savefig(path, dpi=DOTS)
+
+
+def _strung(recording: Recording) -> np.ndarray:
+    """Time [N] s with the runs one after the other."""
+    out, start = np.empty(len(recording.time)), 0.0
+    for run in dict.fromkeys(recording.trajectory.tolist()):
+        rows = recording.trajectory == run
+        own = recording.time[rows] - recording.time[rows][0]
+        out[rows] = own + start
+        start += float(own[-1]) + APART
+    return out

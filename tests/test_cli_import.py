@@ -1,0 +1,78 @@
+"""`gatjax import` as a user runs it."""
+
+import numpy as np
+import pyarrow as pa
+import pytest
+import ros_logs as logs
+from pyarrow import parquet
+
+from gatjax.cli import main
+from gatjax.data.recording import read_recording
+
+
+@pytest.fixture
+def brought(tmp_path, capsys):
+    """Runs the verb; returns its exit code, output and error, and the recording."""
+
+    def run(*arguments):
+        out = tmp_path / "out" / "log.parquet"
+        code = main(["import", *map(str, arguments), "--out", str(out)])
+        said = capsys.readouterr()
+        return code, said.out, said.err, out
+
+    return run
+
+
+def test_a_bag_becomes_a_recording_a_draft_and_a_picture(tmp_path, brought):
+    log = logs.write_mcap(tmp_path / "walk.mcap", logs.messages())
+    code, said, _, out = brought(log)
+    assert code == 0
+    assert "/joint_states/position.hip" in said
+    assert "100 Hz" in said
+    assert "50 Hz, held until the next one" in said
+    recording = read_recording(out)
+    np.testing.assert_array_equal(
+        recording.columns["position.hip"], logs.angles(logs.SEEN)[0]
+    )
+    assert out.with_suffix(".png").read_bytes()[:4] == b"\x89PNG"
+    draft = out.with_suffix(".map.yaml")
+    corrected = draft.read_text().replace(
+        "data.0, unit: rad, sign: 1", "data.0, unit: rad, sign: -1"
+    )
+    draft.write_text(corrected)
+    code, said, _, _ = brought(log, "--map", draft)
+    assert code == 0
+    turned = read_recording(out).columns["command.hip"]
+    np.testing.assert_array_equal(turned, -recording.columns["command.hip"])
+    code, said, _, _ = brought(log)
+    assert "is there already and stays" in said
+    assert draft.read_text() == corrected
+
+
+def test_logs_of_one_robot_become_one_recording(tmp_path, brought):
+    log = logs.write_mcap(tmp_path / "walk.mcap", logs.messages())
+    bag = logs.write_bag(tmp_path / "walk_bag", logs.messages())
+    code, _, _, out = brought(log, bag)
+    assert code == 0
+    assert np.unique(read_recording(out).trajectory).tolist() == [0, 1]
+
+
+@pytest.mark.parametrize(("table", "line"), [
+    ({"position.a": np.sin(logs.SEEN)}, "position.a without command.a"),
+    ({"position.a": np.sin(logs.SEEN), "command.a": 57.0 * np.sin(logs.SEEN)},
+     "looks like degrees"),
+    ({"x": logs.SEEN}, "no position of any joint"),
+])  # fmt: skip
+def test_what_cannot_be_used_is_one_line(tmp_path, brought, table, line):
+    path = tmp_path / "log.parquet"
+    parquet.write_table(pa.table({"time": logs.SEEN} | table), path)
+    code, _, error, out = brought(path)
+    assert code == 1
+    assert line in error
+    assert not out.exists()
+
+
+def test_no_log_is_an_error(brought):
+    code, _, error, _ = brought()
+    assert code == 1
+    assert "no log is named" in error

@@ -1,0 +1,203 @@
+"""NPZ, PACE .pt, BAM JSON, SAGE folders and LeRobot datasets."""
+
+import gzip
+import json
+import pickle
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from pyarrow import parquet
+
+from gatjax.data import readers
+
+PACE = Path(__file__).parent / "data" / "logs" / "pace.pt"
+TIME = np.linspace(0.0, 1.0, 51)
+
+
+def read(path):
+    return readers.read(path, lambda share: None)
+
+
+def columns(path):
+    return readers.assemble(read(path)).recording.columns
+
+
+def test_tensors_of_pytorch_come_out_as_they_went_in():
+    found, time = columns(PACE), np.linspace(0.0, 1.0, 51)
+    for name, expected in {
+        "position.joint_0": np.sin(time), "position.joint_1": np.cos(time),
+        "command.joint_0": 2.0 * np.cos(time), "command.joint_1": -2.0 * time,
+    }.items():  # fmt: skip
+        np.testing.assert_allclose(found[name], expected, atol=2e-7)
+
+
+class Evil:
+    """Runs code where it is unpickled."""
+
+    def __init__(self, target):
+        self.target = target
+
+    def __reduce__(self):
+        return Path.touch, (self.target,)
+
+
+def test_code_in_a_pickle_is_refused_and_not_run(tmp_path):
+    path, target = tmp_path / "evil.pt", tmp_path / "touched"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("evil/data.pkl", pickle.dumps({"time": Evil(target)}))
+    with pytest.raises(ValueError, match=r"asks for pathlib\.Path\.touch|pathlib"):
+        read(path)
+    assert not target.exists()
+
+
+def test_a_tensor_beyond_its_storage_is_refused(tmp_path):
+    path = tmp_path / "short.pt"
+    with zipfile.ZipFile(PACE) as whole, zipfile.ZipFile(path, "w") as archive:
+        for name in whole.namelist():
+            content = whole.read(name)
+            short = content[:80] if "/data/" in name else content
+            archive.writestr(name, short)
+    with pytest.raises(ValueError, match="beyond its numbers"):
+        read(path)
+
+
+def test_a_file_that_is_no_archive_is_refused(tmp_path):
+    path = tmp_path / "old.pt"
+    path.write_bytes(pickle.dumps({}))
+    with pytest.raises(ValueError, match=r"not a \.pt file"):
+        read(path)
+
+
+def test_arrays_keep_names_of_joints(tmp_path):
+    path = tmp_path / "log.npz"
+    angles = np.stack([np.sin(TIME), np.cos(TIME)], 1)
+    np.savez(path, t=TIME, q=angles, q_des=angles + 0.1, joint_names=["a", "b"], gain=3)
+    source = read(path)
+    np.testing.assert_array_equal(source.runs[0]["q.b"].values, np.cos(TIME))
+    np.testing.assert_array_equal(columns(path)["command.a"], np.sin(TIME) + 0.1)
+    assert "gain ()" in source.notes[0]
+
+
+def test_objects_in_an_npz_are_refused(tmp_path):
+    path = tmp_path / "log.npz"
+    np.savez(path, t=TIME, q=np.array([{"a": 1}], dtype=object))
+    with pytest.raises(ValueError, match="allow_pickle"):
+        read(path)
+
+
+@pytest.fixture
+def bam(tmp_path):
+    """Writes a BAM log of given rows."""
+
+    def write(rows):
+        path = tmp_path / "run.json"
+        facts = {"mass": 0.5, "length": 0.1, "kp": 100, "motor": "xl330"}
+        path.write_text(json.dumps(facts | {"entries": rows}))
+        return path
+
+    return write
+
+
+def entry(time, on=True):
+    return {"timestamp": time, "position": np.sin(time), "goal_position": time,
+            "speed": 0.0, "torque_enable": on}  # fmt: skip
+
+
+def test_a_servo_without_torque_has_no_command(bam):
+    path = bam([entry(0.01 * k, on=k < 70) for k in range(100)])
+    made = readers.assemble(read(path))
+    assert len(made.recording.time) == 70
+    assert made.recording.metadata["kp"] == 100
+    assert "30 rows left out, from row 71" in made.notes[0]
+
+
+def test_a_number_that_is_missing_is_told_with_its_row(bam):
+    rows = [entry(0.01 * k) for k in range(5)]
+    rows[3]["position"] = None
+    with pytest.raises(ValueError, match="entry 4 has no number 'position'"):
+        read(bam(rows))
+
+
+def test_vectors_of_a_motion_become_joints(tmp_path):
+    angles = np.stack([np.sin(TIME), np.cos(TIME)], 1)
+    stamps = 1e6 * TIME + 5.0  # microseconds
+
+    def rows(kind, *vectors):
+        for k, stamp in enumerate(stamps):
+            cells = ",".join(f'"{json.dumps(list(vector[k]))}"' for vector in vectors)
+            yield f"{kind},{stamp},{cells}\n"
+
+    control = "type,timestamp,positions\n" + "".join(rows("CONTROL", angles + 0.1))
+    (tmp_path / "control.csv").write_text(control)
+    state = "type,timestamp,positions,velocities\n"
+    state += "".join(rows("STATE_MOTOR", angles, 0.0 * angles))
+    with gzip.open(tmp_path / "state_motor.csv.gz", "wt") as file:
+        file.write(state)
+    (tmp_path / "joint_list.txt").write_text("pan\ntilt\n")
+    made = readers.assemble(read(tmp_path)).recording
+    np.testing.assert_allclose(np.diff(made.time), np.diff(TIME), atol=1e-9)
+    np.testing.assert_array_equal(made.columns["position.tilt"], np.cos(TIME))
+    np.testing.assert_array_equal(made.columns["command.pan"], np.sin(TIME) + 0.1)
+    (tmp_path / "control.csv").write_text(control.replace("[0.1, 1.1]", "[0.1; 1.1]"))
+    with pytest.raises(ValueError, match=r"row 1, column 'positions'.*no list"):
+        read(tmp_path)
+
+
+@pytest.fixture
+def lerobot(tmp_path):
+    """A dataset of two episodes, laid out as LeRobot version 3 does."""
+    names = {"motors": ["pan.pos", "grip.pos"]}
+    features = {key: {"dtype": "float32", "shape": [2], "names": names}
+                for key in ("action", "observation.state")}  # fmt: skip
+    info = {"codebase_version": "v3.0", "robot_type": "so101", "features": features}
+    (tmp_path / "meta").mkdir()
+    (tmp_path / "meta" / "info.json").write_text(json.dumps(info))
+    state = np.stack([np.tile(TIME, 2), -np.tile(TIME, 2)], 1).astype(np.float32)
+    table = pa.table({
+        "timestamp": pa.array(np.tile(TIME, 2), pa.float32()),
+        "episode_index": np.repeat([0, 1], len(TIME)),
+        "action": pa.FixedSizeListArray.from_arrays((2.0 * state).ravel(), 2),
+        "observation.state": pa.FixedSizeListArray.from_arrays(state.ravel(), 2),
+        "task_index": np.zeros(2 * len(TIME), int),
+    })  # fmt: skip
+    folder = tmp_path / "data" / "chunk-000"
+    folder.mkdir(parents=True)
+    parquet.write_table(table, folder / "file-000.parquet")
+    return tmp_path
+
+
+def test_episodes_of_a_dataset_are_runs(lerobot):
+    source = read(lerobot)
+    assert len(source.runs) == 2
+    made = readers.assemble(source).recording
+    assert made.trajectory.tolist() == [0] * 51 + [1] * 51
+    angle = np.rad2deg(made.columns["position.grip"][51:])
+    np.testing.assert_allclose(angle, -TIME, atol=1e-6)
+    sent = np.rad2deg(made.columns["command.pan"][:51])
+    np.testing.assert_allclose(sent, 2.0 * TIME, atol=1e-6)
+
+
+def test_a_dataset_without_its_data_says_so(lerobot):
+    for file in lerobot.rglob("*.parquet"):
+        file.unlink()
+    with pytest.raises(ValueError, match="download"):
+        read(lerobot)
+
+
+@pytest.mark.parametrize(("name", "line"), [
+    ("log.bag", "ending '.bag' is not known"), ("gone.csv", "no such file"),
+])  # fmt: skip
+def test_other_files_are_refused_with_what_is_known(tmp_path, name, line):
+    path = tmp_path / name
+    if "gone" not in name:
+        path.write_bytes(b"#ROSBAG V2.0")
+    with pytest.raises((ValueError, FileNotFoundError), match=line):
+        read(path)
+
+
+def test_a_folder_of_no_log_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="folder of no known log"):
+        read(tmp_path)
