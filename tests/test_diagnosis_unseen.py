@@ -9,7 +9,7 @@ from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.hypotheses import Hypothesis
 from gatjax.diagnosis.measure import Errors
 from gatjax.diagnosis.unseen import UNSURE, Seen, borne_out
-from gatjax.diagnosis.verdict import Cause, Verdict, doubted
+from gatjax.diagnosis.verdict import Cause, Verdict, doubted, word
 
 NOISE = 1e-3
 
@@ -19,9 +19,8 @@ def told(cause, where=(0,), left=()):
     joints = [SimpleNamespace(index=k, noise=NOISE) for k in range(2)]
     hypothesis = Hypothesis(cause, "", lambda *_: None, (), (), (), (), lambda *_: {})
     claim = Claim(hypothesis, np.zeros(0), where, dict.fromkeys(where), 100.0)
-    word = "unknown" if left else "named"
     judge = SimpleNamespace(joints=joints)
-    return Verdict(word, [Cause(claim, 1.0, [], [])], list(left), None, [], judge)
+    return Verdict("", [Cause(claim, 1.0, [], [])], list(left), None, [], judge)
 
 
 def errors(*rms):
@@ -105,7 +104,20 @@ def test_a_law_without_a_name_stays_unexplained():
 def test_a_joint_without_a_cause_stays_unexplained():
     verdict = told("backlash", left=(1,))
     before = errors(10.0 * NOISE, 10.0 * NOISE)
-    assert judged(verdict, before, errors(NOISE, NOISE)).unexplained == [1]
+    verdict = judged(verdict, before, errors(NOISE, NOISE))
+    assert verdict.unexplained == [1]
+    assert verdict.verdict == "named"  # the cause of the other joint is sure
+
+
+@pytest.mark.parametrize(("left", "chances", "expected"), [
+    ((), (), "none"), ((1,), (), "unknown"), ((), (0.9, 0.9), "named"),
+    ((1,), (0.9, 0.9), "named"), ((1,), (0.9, 0.7), "ambiguous"),
+    ((1,), (0.7, 0.7), "unknown"), ((0,), (0.9, 0.9), "unknown"),
+])  # fmt: skip
+def test_the_word_for_causes_beside_what_is_unexplained(left, chances, expected):
+    cause = told("backlash").causes[0]
+    causes = [cause._replace(probability=chance) for chance in chances]
+    assert word(causes, list(left)) == expected
 
 
 @pytest.mark.parametrize(("left", "where", "probability"), [

@@ -201,7 +201,7 @@ def _told(
     out.mkdir(parents=True, exist_ok=True)
     (out / "diagnosis.json").unlink(missing_ok=True)
     fallback.withdraw(out)
-    lacks, learned = verdict.verdict == "unknown" and not data.floating, None
+    lacks, learned = bool(verdict.unexplained) and not data.floating, None
     if lacks:
         learned = fallback.offer(out, made["extended"], data.logs, data.unseen, seed)
     tell("measure", 0.9)

@@ -202,11 +202,11 @@ def sentence(verdict: Verdict, rows: list[dict[str, Any]]) -> str:
     both = " and ".join(part for part in (sure, doubtful) if part)
     names = [verdict.judge.joints[k].name for k in verdict.unexplained]
     left = ", ".join(names[:4]) + (" and others" if len(names) > 4 else "")
-    if verdict.verdict == "none":
+    if not (rows or names):
         return "The simulation agrees with the logs within its tolerances."
-    if verdict.verdict == "named":
+    if verdict.verdict == "named" and not names:
         return f"The simulation lacks {both}."
-    if verdict.verdict == "ambiguous":
+    if not names:
         doubt = "the logs leave a doubt"
         if doubtful:
             doubt = f"the held-out logs do not bear out {doubtful}"

@@ -21,6 +21,7 @@ LIKELY = 0.5  # probability that a further cause needs to be told at all
 CLOSE = 3.0  # nats: two causes that the data cannot tell apart
 MARGIN = 10.0  # nats: an alias is told apart
 LOCAL = 2  # joints at most of a cause that may give way to two others
+MANY = 4  # joints of a cause that is sure though one of them is unexplained
 STRAINED = 30.0  # squared deviations of a joint whose tolerances imitate something
 
 
@@ -224,23 +225,30 @@ def doubted(verdict: Verdict) -> Verdict:
 
     Held-out logs may have said before that a joint is explained after all.
     """
-    left, causes = set(verdict.unexplained), []
+    causes = []
     for cause in verdict.causes:
-        where = cause.claim.where
-        guess = left & set(where) and len(where) < 4
-        most = 0.5 if guess else 1.0
+        most = 0.5 if _guess(cause, verdict.unexplained) else 1.0
         causes.append(cause._replace(probability=min(cause.probability, most)))
     return verdict._replace(causes=causes)
 
 
 def word(causes: list[Cause], left: list[int]) -> str:
-    """none, named, ambiguous or unknown, for causes and joints left unexplained."""
-    if left:
+    """none, named, ambiguous or unknown, for causes and joints left unexplained.
+
+    What is wrong at other joints takes nothing from a cause that is sure.
+    """
+    sure = [c for c in causes if c.probability >= CERTAIN and not _guess(c, left)]
+    if left and not sure:
         return "unknown"
     if not causes:
         return "none"
-    sure = all(cause.probability >= CERTAIN for cause in causes)
-    return "named" if sure else "ambiguous"
+    return "named" if len(sure) == len(causes) else "ambiguous"
+
+
+def _guess(cause: Cause, left: list[int]) -> bool:
+    """Whether a cause leaves its own joint unexplained."""
+    where = set(cause.claim.where)
+    return bool(where & set(left)) and len(where) < MANY
 
 
 def _weighed(judge: Judge, best: Claim, claims: list[Claim]) -> Cause:

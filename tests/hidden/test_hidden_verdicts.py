@@ -73,7 +73,7 @@ def test_what_it_writes_is_whole_and_the_extension_predicts_better(answered):
     assert written["verdict"] == told["verdict"]
     for name in ("world.json", "extended.xml", "signals.parquet"):
         assert (out / name).stat().st_size > 0
-    assert (told["fallback"] is not None) == (told["verdict"] == "unknown")
+    assert (told["fallback"] is not None) == told["unexplained"]["significant"]
     gain = told["gain"]
     if truth["verdict"] == "named":
         share = 1.0 - gain["after"] / gain["before"]

@@ -47,8 +47,9 @@ def _group(group: list[Cause], diagnosis: Diagnosis) -> str:
     words = "Weighed besides, not named" if causes else "Weighed, not named"
     if named is not None:
         words = f"Cause {first.step}"
+    left = bool(diagnosis.part("unexplained").get("significant"))
     rows = "".join(
-        _row(each, reason(each, first, named, diagnosis.verdict), each is first)
+        _row(each, reason(each, first, named, left), each is first)
         for each in group[:SHOWN]
     )
     return f"<tbody><tr><th colspan=6>{words}</th></tr>{rows}</tbody>"
@@ -70,17 +71,17 @@ def _row(each: Cause, why: str, first: bool) -> str:
     )
 
 
-def reason(each: Cause, first: Cause, named: Cause | None, verdict: str) -> str:
+def reason(each: Cause, first: Cause, named: Cause | None, left: bool) -> str:
     """Why a candidate was or was not named.
 
     Args:
         each: in question.
         first: what was named in its step, or fits best there.
         named: the cause that was named in its step, if one was.
-        verdict: of the diagnosis.
+        left: whether something is unexplained in the end.
     """
     if named is None:
-        if each is not first or verdict != "unknown":
+        if not (each is first and left):
             return "explains or changes too little to be a finding"
         if each.variant == "not in the catalogue":
             return "fits best, but is no cause of the catalogue"
