@@ -114,3 +114,17 @@ def shared_value(free: list[Fit], count: int) -> np.ndarray:
         total += weight
         right += weight @ fit.x[-count:]
     return np.linalg.solve(total, right)
+
+
+def outdone(shared: Claim, single: list[Claim]) -> bool:
+    """Whether causes of each joint's own explain more than one value at several joints.
+
+    Each of them beyond the first has to earn what a further cause needs.
+    """
+    best: dict[int, float] = {}
+    for claim in single:
+        (joint, *others) = claim.where
+        if claim.hypothesis.cause and not others and joint in shared.fits:
+            best[joint] = max(claim.gain, best.get(joint, 0.0))
+    worth = [gain for gain in best.values() if gain > LATER]
+    return sum(worth) - LATER * (len(worth) - 1) > shared.gain if worth else False

@@ -19,6 +19,7 @@ from gatjax.diagnosis.claims import (
     WORTH,
     Claim,
     occam,
+    outdone,
     shared_value,
     uncertainty,
 )
@@ -95,7 +96,8 @@ class Judge(Known):
             self._pull(astray, rate)
         found = self._single() + lost
         if len(self.joints) > 1:
-            found += self._shared(found) + self._bodies(found)
+            shared = [c for c in self._shared(found) if not outdone(c, found)]
+            found += shared + self._bodies(found)
         return sorted(filter(self._possible, found), key=lambda claim: -claim.gain)
 
     def _possible(self, claim: Claim) -> bool:
