@@ -49,6 +49,16 @@ def test_a_bag_becomes_a_recording_a_draft_and_a_picture(tmp_path, brought):
     assert draft.read_text() == corrected
 
 
+def test_what_only_one_log_has_is_left_out_and_told(tmp_path, brought):
+    seen = {"time": logs.SEEN, "position.a": logs.SEEN, "command.a": logs.SEEN}
+    for name, more in (("one", {}), ("two", {"velocity.a": logs.SEEN})):
+        parquet.write_table(pa.table(seen | more), tmp_path / f"{name}.parquet")
+    code, said, _, out = brought(tmp_path / "one.parquet", tmp_path / "two.parquet")
+    assert code == 0
+    assert "left out, not in every log: velocity.a" in said
+    assert set(read_recording(out).columns) == {"position.a", "command.a"}
+
+
 def test_logs_of_one_robot_become_one_recording(tmp_path, brought):
     log = logs.write_mcap(tmp_path / "walk.mcap", logs.messages())
     bag = logs.write_bag(tmp_path / "walk_bag", logs.messages())

@@ -1,7 +1,5 @@
 """Pieces of the diagnosis that have an answer on paper."""
 
-from types import SimpleNamespace
-
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -10,6 +8,7 @@ from test_diagnosis_plant import joint, wave
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import bank, drops, motion, quantum
 from gatjax.diagnosis import fit as fits
+from gatjax.diagnosis.case import Case
 from gatjax.diagnosis.claims import PRICE, Claim, occam, shared_value, uncertainty
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, combined, information, numbers, pinned
@@ -227,11 +226,22 @@ def test_losses_that_change_nothing_do_not_count():
     assert found["burst"] == pytest.approx(1.0 / 0.7, abs=0.15)
 
 
+class Asked(Case):
+    """A case of which no more is known than the commands."""
+
+    def __init__(self, command):
+        object.__setattr__(self, "given", command)
+
+    def commands(self, index):
+        return [self.given]
+
+
 def test_a_value_that_joints_share_stays_when_it_is_looked_for_again():
     lag, own = by_cause("first_order_lag"), np.array([np.log(0.05)])
     one = joint(wave)
     angle = one.simulate([{"lag": 0.05}], False)[..., 0]
     known = Known.__new__(Known)
+    known.case = Asked(np.zeros(1))
     known.joints = [one._replace(measured=angle, index=k) for k in range(2)]
     known.known = [fits.start(j, [(None, np.zeros(COUNT))])[0] for j in known.joints]
     alone = Claim(lag, own, (0,), {0: known.known[0]}, 10.0)
@@ -251,7 +261,7 @@ def test_lost_commands_that_are_looked_at_alone_forget_what_was_known_beside_the
     known = Known.__new__(Known)
     known.joints = [bare._replace(measured=angle)]
     known.known = [fits.start(known.joints[0], [(None, np.zeros(COUNT))])[0]]
-    known.case = SimpleNamespace(commands=lambda index: [command])
+    known.case = Asked(command)
     beside = fits.start(bare, [(combined(lag, drops.LOST), np.zeros(COUNT + 1))])[0]
     claim = Claim(drops.LOST, np.zeros(0), (0,), {0: beside}, 9.0, lost={0: [gone]})
     (alone,) = known.refitted(claim).fits.values()

@@ -63,7 +63,12 @@ def _read(verb: Import, given: ColumnMap | None) -> Recording:
     made = [readers.assemble(each, given) for each in sources]
     for note in (note for each in made for note in each.notes):
         print(f"note: {note}")
-    return readers.joined([each.recording for each in made], str(verb.out))
+    recording = readers.joined([each.recording for each in made], str(verb.out))
+    every = {column for each in made for column in each.recording.columns}
+    partly = sorted(every - set(recording.columns))
+    if partly:
+        print(f"note: left out, not in every log: {', '.join(partly)}")
+    return recording
 
 
 def _teller(progress: Progress, path: Path) -> Callable[[float], None]:
@@ -85,18 +90,17 @@ def _say(source: readers.Source) -> None:
     """Print what was found in a log."""
     count = len(source.runs)
     print(f"{source.name}: {source.kind}, {count} run{'s' * (count > 1)}")
-    scale, unit = drafts.clock(source)
-    run = source.runs[0]
+    scale, run = drafts.seconds(source), source.runs[0]
     width = max(len(name) for name in run)
     for name, stream in run.items():
-        print(f"  {name:<{width}}  {_facts(stream, scale, unit)}")
+        print(f"  {name:<{width}}  {_facts(stream, scale)}")
 
 
-def _facts(stream: readers.Stream, scale: float, unit: str) -> str:
-    """Rate, gaps, range and resolution of a signal."""
+def _facts(stream: readers.Stream, scale: float) -> str:
+    """Rate, gaps, range and resolution of a signal; `scale` is s per unit of time."""
     steps = scale * np.diff(stream.time)
     usual = float(np.median(steps)) if len(steps) else 0.0
-    rate = f"{1.0 / usual:.4g} {unit}" if usual > 0.0 else "no rate"
+    rate = f"{1.0 / usual:.4g} Hz" if usual > 0.0 else "no rate"
     gaps = int(np.sum(steps > 2.5 * usual)) if usual > 0.0 else 0
     finite = stream.values[np.isfinite(stream.values)]
     if not len(finite):

@@ -27,10 +27,9 @@ def drafted(source: Source) -> ColumnMap:
     return column_map({"columns": source.draft}, f"the draft for {source.kind}")
 
 
-def clock(source: Source) -> tuple[float, str]:
-    """Seconds per unit of a log's clocks, and what a rate is told in."""
-    unit = source.draft.get("time", {}).get("unit", "s")
-    return UNITS["time"][unit], "Hz"
+def seconds(source: Source) -> float:
+    """Seconds per unit of a log's clocks."""
+    return UNITS["time"][source.draft.get("time", {}).get("unit", "s")]
 
 
 def text(sources: Sequence[Source]) -> str:
