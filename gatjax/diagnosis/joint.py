@@ -217,6 +217,12 @@ def _grids(
         parts = [motions.spread(time, points, column) for column in columns]
         return jnp.asarray(np.stack(parts, 1), jnp.float32)
 
+    same = {  # of all joints
+        "supply": series(supply),
+        "clock": jnp.asarray(clock, jnp.float32),
+        "running": jnp.asarray(clock <= ends, jnp.float32),
+    }
+
     def terms(index: int, kind: int) -> list[np.ndarray]:
         """Of bodies and gravity, by load: at rest (0) or per acceleration (1)."""
         return [
@@ -237,9 +243,7 @@ def _grids(
             inertia=series([l.nominal.inertia[:, index] - armature for l in loads]),
             rest_terms=series(terms(index, 0), few),
             inertia_terms=series(terms(index, 1), few),
-            supply=series(supply),
-            clock=jnp.asarray(clock, jnp.float32),
-            running=jnp.asarray(clock <= ends, jnp.float32),
+            **same,
         )
 
     return grid

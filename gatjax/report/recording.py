@@ -25,6 +25,7 @@ def draw_recording(recording: Recording, path: Path) -> None:
     seen = [c[9:] for c in recording.columns if c.startswith("position.")]
     shown = sorted(seen)[:MOST]
     time = _strung(recording)
+    ends = time[:-1][np.diff(recording.trajectory) != 0]
     step = max(1, len(time) // POINTS)
     figure = Figure(figsize=(11.0, 1.0 + 1.5 * len(shown)), layout="constrained")
     grid = figure.subplots(len(shown), 1, sharex=True, squeeze=False)
@@ -37,8 +38,8 @@ def draw_recording(recording: Recording, path: Path) -> None:
         position = np.rad2deg(recording.columns[f"position.{joint}"][::step])
         axes.plot(time[::step], position, lw=0.8, label="position")
         axes.set_ylabel(f"{joint}\ndegrees", fontsize=8)
-        for end in np.flatnonzero(np.diff(recording.trajectory)):
-            axes.axvline(time[end], color="0.8", lw=0.6)
+        for end in ends:
+            axes.axvline(end, color="0.8", lw=0.6)
     grid[0, 0].legend(loc="upper right", fontsize=8, ncols=2)
     left = len(seen) - len(shown)
     more = f", {left} more joints not drawn" if left else ""

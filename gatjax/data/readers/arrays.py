@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gatjax.data.readers.source import Run, Source, Stream, table
+from gatjax.data.readers.source import Run, Source, Stream, numbered, table
 
 TIMES = ("time", "t", "timestamp", "timestamps", "stamps")
 NAMES = ("joint_names", "joints", "names")
@@ -64,7 +64,7 @@ def of_arrays(path: Path, kind: str, arrays: Mapping[str, np.ndarray]) -> Source
             run[name] = Stream(time, array.astype(np.float64))
             continue
         count = array.shape[1]
-        own = joints if joints and len(joints) == count else _numbered(count)
+        own = joints if joints and len(joints) == count else numbered(count)
         run |= table(f"{name}.", own, time, array)
         family = _family(name)
         if family:
@@ -73,11 +73,6 @@ def of_arrays(path: Path, kind: str, arrays: Mapping[str, np.ndarray]) -> Source
     if left:
         notes.append(f"{path}: left out, no rows of samples: {', '.join(left)}")
     return Source(str(path), kind, [run], draft, {}, notes)
-
-
-def _numbered(count: int) -> list[str]:
-    """Names of joints that nobody named."""
-    return [f"joint_{k}" for k in range(count)]
 
 
 def _family(name: str) -> str | None:

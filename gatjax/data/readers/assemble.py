@@ -17,7 +17,7 @@ from gatjax.data.readers.drafts import drafted
 from gatjax.data.readers.source import Run, Source, Stream
 from gatjax.data.recording import Recording
 
-HELD = ("command", "mode")  # families that hold until the next stamp
+HELD = "command."  # signals that hold until the next stamp
 NAMED = 4  # signals or runs that a note names
 Done = dict[str, dict[str, None]]  # what was done, to which signals or in which runs
 
@@ -124,7 +124,7 @@ def _rows(run: Run, where: str, done: Done) -> tuple[np.ndarray, dict]:
         _check_clock(stream.time, f"{where}, {name}")
     clock = max((run[name].time for name in positions), key=len)
     first = max(
-        (s.time[0] for n, s in run.items() if n.partition(".")[0] in HELD),
+        (s.time[0] for n, s in run.items() if n.startswith(HELD)),
         default=clock[0],
     )
     time = clock if clock[0] >= first else clock[clock >= first]
@@ -144,7 +144,7 @@ def _at(time: np.ndarray, name: str, stream: Stream, done: Done) -> np.ndarray:
     if np.array_equal(stream.time[at], time):
         return stream.values[at]
     rate = 1.0 / float(np.median(np.diff(stream.time))) if len(stream.time) > 1 else 0.0
-    if name.partition(".")[0] in HELD:
+    if name.startswith(HELD):
         done.setdefault(f"{rate:.3g} Hz, held until the next one", {})[name] = None
         return stream.values[np.searchsorted(stream.time, time, side="right") - 1]
     text = f"{rate:.3g} Hz, interpolated to the rows' stamps"

@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import parquet
 
-from gatjax.data.readers.source import Run, Source, table
+from gatjax.data.readers.source import Run, Source, numbered, table
 from gatjax.runs.files import read_json
 
 ACTION, STATE = "action", "observation.state"
@@ -86,5 +86,5 @@ def _names(features: dict[str, Any], key: str, count: int) -> list[str]:
     if isinstance(names, dict):
         names = next((each for each in names.values() if isinstance(each, list)), None)
     if not isinstance(names, list) or len(names) != count:
-        return [f"joint_{k}" for k in range(count)]
+        return numbered(count)
     return [str(name) for name in names]

@@ -15,7 +15,7 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from gatjax.data.readers.source import Run, Source, table
+from gatjax.data.readers.source import Run, Source, numbered, table
 
 CONTROL, STATE, JOINTS = "control.csv", "state_motor.csv", "joint_list.txt"
 FAMILIES = {"positions": "position", "velocities": "velocity", "torques": "torque"}
@@ -36,7 +36,7 @@ def read(path: Path) -> Source:
     sent, received = _vectors(control), _vectors(state)
     count = sent["positions"][1].shape[1]
     listed = path / JOINTS
-    joints = [f"joint_{k}" for k in range(count)]
+    joints = numbered(count)
     if listed.is_file():
         joints = listed.read_text(encoding="utf-8").split()
     if len(joints) != count:

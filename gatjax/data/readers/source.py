@@ -34,6 +34,11 @@ class Source(NamedTuple):
     notes: list[str]  # what was left out, one line each
 
 
+def numbered(count: int) -> list[str]:
+    """Names of joints that nobody named."""
+    return [f"joint_{k}" for k in range(count)]
+
+
 def table(prefix: str, names: list[str], time: np.ndarray, values: np.ndarray) -> Run:
     """Signals `<prefix><name>` of a table [N, len(names)]."""
     return {

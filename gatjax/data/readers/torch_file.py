@@ -37,7 +37,7 @@ def read(path: Path) -> Source:
     try:
         with zipfile.ZipFile(path) as archive:
             name = next(n for n in archive.namelist() if n.endswith("/data.pkl"))
-            found = _Tensors(archive, name, str(path)).load()
+            found = _Tensors(archive, name).load()
     except (zipfile.BadZipFile, StopIteration) as error:
         raise ValueError(f"{path}: not a .pt file of PyTorch 1.6 or later") from error
     except (pickle.UnpicklingError, EOFError, KeyError, IndexError) as error:
@@ -53,10 +53,9 @@ def read(path: Path) -> Source:
 class _Tensors(pickle.Unpickler):
     """Builds tensors as arrays, and nothing that is not one."""
 
-    def __init__(self, archive: zipfile.ZipFile, name: str, path: str) -> None:
+    def __init__(self, archive: zipfile.ZipFile, name: str) -> None:
         super().__init__(io.BytesIO(archive.read(name)))
         self.archive, self.folder = archive, name.removesuffix("data.pkl")
-        self.path = path
 
     def find_class(self, module: str, name: str) -> Any:
         """Allow what rebuilds tensors; our own functions stand for it."""
