@@ -81,9 +81,10 @@ class Signal(NamedTuple):
 
 
 class Servo(NamedTuple):
-    """What a position servo and its joint are made of."""
+    """What a drive and its joint are made of."""
 
-    gain: Array  # [..., J] N m/rad, torque per position error
+    gain: Array  # [..., J] torque per position error, N m/rad, or per command
+    hold: Array  # [..., J] 1: a position servo, 0: it is told a torque or a voltage
     damping: Array  # [..., J] N m s/rad, torque of the servo against the speed
     low: Array  # [..., J] N m, least torque of the servo
     high: Array  # [..., J] N m, largest torque of the servo

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 
 from gatjax.diagnosis import laws
-from gatjax.diagnosis.joint import Joint
+from gatjax.diagnosis.joint import OBSERVED, Joint
 
 STEP, LEAD, COUNT = 1e-3, 400, 3000
 NOMINAL = {
-    "kp": 20.0, "kv": 0.25, "limit": 5.0, "damping": 0.5, "friction": 0.0,
+    "kp": 20.0, "hold": 1.0, "kv": 0.25, "limit": 5.0, "damping": 0.5, "friction": 0.0,
     "armature": 0.012, "delay": 0.0, "creep": 0.06, "give": 3e-4, "rate": 1e3,
     "speed": 1e6, "scale": 1.0, "cooling": 20.0, "stiffness": 1e3,
 }  # fmt: skip
@@ -60,6 +60,23 @@ def test_a_step_is_the_answer_of_a_damped_oscillator():
         v += h * (20.0 * (step_up(k * h) - q) - resist * v) / total
         q += h * v
     assert np.max(np.abs(angle - np.array(out[:250]))) < 5e-4  # 1 ms steps, 0.3 rad
+
+
+def test_a_joint_without_a_servo_is_pushed_by_its_command():
+    drive = {"hold": 0.0, "kp": 0.05, "kv": 0.0, "damping": 0.0}
+    angle = seen(joint(step_up), **drive)
+    t = np.maximum(np.arange(0.0, 2.5, 0.01) - 0.1, 0.0)
+    pushed = 0.5 * 0.05 * 0.3 / 0.03 * t**2
+    assert np.max(np.abs(angle - pushed)) < 3e-3 * pushed[-1]
+
+
+def test_a_joint_without_a_servo_is_drawn_to_its_measured_motion():
+    one = joint(lambda t: 0.0, rest=0.06)
+    free = one._replace(nominal=NOMINAL | {"hold": 0.0, "kv": 0.0, "damping": 0.0})
+    angle = seen(free.drawn(0.0))
+    assert angle[-1] == pytest.approx(-0.06 / 0.03 / OBSERVED**2, rel=1e-3)
+    assert free.drawn(30.0).nominal["steer"] == 900.0
+    assert seen(free.drawn(30.0))[-1] == pytest.approx(angle[-1] / 9.0, rel=1e-2)
 
 
 def test_dry_friction_holds_a_load_below_its_level():

@@ -86,9 +86,10 @@ class Diagnose:
     gatjax diagnose --model arm.xml --data fit_1.parquet fit_2.parquet --held-out
     walk.parquet --out found
 
-    takes a robot file whose joints are driven by position servos, and logs of commands
-    and positions (docs/files.md). It prints the verdict and writes found/report.html,
-    diagnosis.json, world.json (a better simulation, for --world) and extended.xml.
+    takes a robot file whose joints are driven by position servos (or by motors, told
+    torques or voltages), and logs of commands and positions (docs/files.md). It prints
+    the verdict and writes found/report.html, diagnosis.json, world.json (a better
+    simulation, for --world) and extended.xml.
     Good logs are lively: gatjax collect --motion rich records one.
     """
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from gatjax.cli.arguments import Diagnose
@@ -16,7 +17,7 @@ from gatjax.data import checks, sampling
 from gatjax.data.mapping import ColumnMap, read_map
 from gatjax.data.recording import Recording, check_recording, read_recording
 from gatjax.diagnosis.diagnose import Logs, diagnose
-from gatjax.diagnosis.suitable import cautions, check_model
+from gatjax.diagnosis.suitable import cautions, check_commands, check_model
 from gatjax.diagnosis.tolerances import USUAL, read_tolerances
 from gatjax.loop.staged import staged
 from gatjax.report.diagnosis import write_report
@@ -50,9 +51,8 @@ def read_logs(verb: Diagnose) -> Logs:
         )
     }
     mapping = None if verb.map is None else read_map(verb.map)
-    base = "floating" if floats(model) else "fixed"
-    fit, fit_found = _checked(verb.data, mapping, ranges, base, "fit")
-    held, held_found = _checked(verb.held_out, mapping, ranges, base, "held-out")
+    fit, fit_found = _checked(verb.data, mapping, ranges, model, "fit")
+    held, held_found = _checked(verb.held_out, mapping, ranges, model, "held-out")
     _check_rates([*fit, *held])
     shared = checks.same_data(fit, held)
     if shared is not None:
@@ -70,13 +70,15 @@ def _checked(
     paths: Sequence[Path],
     mapping: ColumnMap | None,
     ranges: dict[str, tuple[float, float]],
-    base: str,
+    model: mujoco.MjModel,
     role: checks.Role,
 ) -> tuple[list[Recording], list[list[checks.Finding]]]:
     """Recordings of one role with their findings; refused ones raise."""
     logs, found = [], []
+    base = "floating" if floats(model) else "fixed"
     for path in paths:
         log = read_recording(path, mapping)
+        check_commands(model, log)
         check_recording(log, list(ranges))
         stated = log.metadata.get("base", base)
         if stated != base:

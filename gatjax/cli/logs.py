@@ -9,6 +9,7 @@ import numpy as np
 
 from gatjax.data.recording import Recording, check_recording
 from gatjax.data.trajectories import at_rate
+from gatjax.diagnosis.suitable import check_commands
 from gatjax.robot.model import joint_names
 from gatjax.sim.world import World
 
@@ -28,6 +29,7 @@ def checked(recording: Recording, world: World, least: int) -> Recording:
     Raises:
         ValueError: one line with what is wrong.
     """
+    check_commands(world.model, recording)
     check_recording(recording, joint_names(world.model))
     period = world.task.control_period
     recording, gaps = at_rate(recording, period)

@@ -7,15 +7,16 @@ effects, motion enough, and columns that mean what their names say.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal, TypeAlias
 
 import numpy as np
 
 from gatjax.data import excitation, sampling, stops, tracking
+from gatjax.data.excitation import Moves
 from gatjax.data.finding import Finding, Level, Ranges
-from gatjax.data.recording import Recording
-from gatjax.data.trajectories import to_arrays
+from gatjax.data.recording import ANGLE, Recording
+from gatjax.data.trajectories import JointRun, to_arrays
 
 __all__ = ["Finding", "Role", "findings", "same_data", "summary", "trusted"]
 
@@ -37,35 +38,47 @@ def findings(recording: Recording, ranges: Ranges, role: Role) -> list[Finding]:
             warning for "held-out".
 
     Returns:
-        Findings in the order of the checks; the caller obeys level "refuse".
+        Findings in the order of the checks; the caller obeys level "refuse". What
+        compares positions with commands is for commands that are angles.
     """
     joints = [c[8:] for c in recording.columns if c.startswith("command.")]
     runs = to_arrays(recording, joints)
     position = {joint: recording.columns[f"position.{joint}"] for joint in joints}
     steps = {joint: sampling.encoder_step(position[joint]) for joint in joints}
     noise = {joint: sampling.noise_of(position[joint]) for joint in joints}
+    follows = recording.metadata.get("command_unit", ANGLE) == ANGLE
     moves = excitation.moves_of(runs, joints, steps)
+    if not follows:  # any command will do that moves the joint
+        moves = {j: move._replace(command=move.position) for j, move in moves.items()}
     poor: Level = "refuse" if role == "fit" else "warning"
     found = [
         *sampling.check_rate(recording, runs),
         *sampling.check_gaps(recording, runs),
         *sampling.check_resolution(recording, steps, noise),
         *sampling.check_units(recording, ranges),
-        *excitation.check_columns(recording, moves),
-        *excitation.check_limits(recording, ranges),
-        *excitation.check_saturation(recording, runs, joints, ranges),
+        *(_against_commands(recording, runs, moves, ranges) if follows else []),
         *stops.check_stops(recording, runs, joints, ranges),
         *excitation.check_excitation(recording, runs, moves, poor),
         *excitation.check_coverage(recording, moves, ranges),
         *excitation.check_rest(recording, runs),
-        *excitation.check_start(recording, runs, joints),
+        *(excitation.check_start(recording, runs, joints) if follows else []),
     ]
     if any(each.check == "rate" and each.level == "refuse" for each in found):
         return found
+    if follows:
+        found += tracking.check_tracking(recording, runs, joints)
+    return [*found, *tracking.check_repeats(recording, runs, joints)]
+
+
+def _against_commands(
+    recording: Recording, runs: Sequence[JointRun], moves: Mapping[str, Moves],
+    ranges: Ranges,
+) -> list[Finding]:  # fmt: skip
+    """What positions say beside commands that are angles."""
     return [
-        *found,
-        *tracking.check_tracking(recording, runs, joints),
-        *tracking.check_repeats(recording, runs, joints),
+        *excitation.check_columns(recording, moves),
+        *excitation.check_limits(recording, ranges),
+        *excitation.check_saturation(recording, runs, list(moves), ranges),
     ]
 
 

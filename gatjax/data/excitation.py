@@ -171,7 +171,7 @@ def check_excitation(
     turns = {joint: float(move.reversals) for joint, move in moves.items()}
     if seconds < LEAST_SECONDS:
         text = (
-            f"{recording.name}: {seconds:.2g} s are too short for a verdict, it takes "
+            f"{recording.name}: {seconds:.3g} s are too short for a verdict, it takes "
         )
         text += f"{LEAST_SECONDS:g} s; record a longer motion"
         return [Finding(bad, "excitation", text, {"seconds": seconds})]

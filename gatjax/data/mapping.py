@@ -66,6 +66,9 @@ JOINT_FAMILIES = {
 }
 """`<family>.<joint>` columns and what they measure."""
 
+COMMANDED = ("angle", "torque", "voltage")
+"""What `command.<joint>` may be; all of a recording are the same."""
+
 PLAIN_COLUMNS = {
     "time": "time",
     "trajectory": "count",
@@ -152,6 +155,7 @@ def column_map(tree: Any, name: str) -> ColumnMap:
         raise ValueError(f"{name}: 'columns' and 'metadata' must be key: value lists")
     if not isinstance(drop, list) or not all(isinstance(item, str) for item in drop):
         raise ValueError(f"{name}: 'drop' must be a list of column names or patterns")
+    told = _command_unit(columns, name)
     return ColumnMap(
         name=name,
         entries={
@@ -159,8 +163,26 @@ def column_map(tree: Any, name: str) -> ColumnMap:
             for column, entry in columns.items()
         },
         drop=tuple(drop),
-        metadata={str(key): value for key, value in metadata.items()},
+        metadata=told | {str(key): value for key, value in metadata.items()},
     )
+
+
+def _command_unit(columns: dict[Any, Any], name: str) -> dict[str, str]:
+    """Metadata `command_unit` if commands are torques or voltages."""
+    kinds = {
+        next((kind for kind in COMMANDED if entry["unit"] in UNITS[kind]), "angle")
+        for column, entry in columns.items()
+        if str(column).startswith("command.") and isinstance(entry, dict)
+        if isinstance(entry.get("unit"), str)
+    }
+    if len(kinds) > 1:
+        raise ValueError(
+            f"{name}: commands are {' and '.join(sorted(kinds))}; those of one "
+            f"recording are all the same"
+        )
+    if kinds <= {"angle"}:
+        return {}
+    return {"command_unit": next(iter(UNITS[kinds.pop()]))}
 
 
 def resolve(mapping: ColumnMap, names: Sequence[str], file: str) -> dict[str, Entry]:
@@ -210,6 +232,8 @@ def _entry(column: str, entry: Any, where: str) -> Entry:
     quantity = quantity_of(column)
     if quantity is None:
         raise ValueError(f"{where}: a recording has no such column; {COLUMN_FORMS}")
+    kinds = COMMANDED if column.startswith("command.") else (quantity,)
+    units = {name: size for kind in kinds for name, size in UNITS[kind].items()}
     if isinstance(entry, str):
         entry = {"from": entry}
     _check_keys(entry, ("from", "unit", "sign", "scale", "offset"), where)
@@ -218,11 +242,10 @@ def _entry(column: str, entry: Any, where: str) -> Entry:
         raise ValueError(f"{where}: from is {source!r}; put the column name in quotes")
     if source.count("*") != column.count("*") or column.count("*") > 1:
         raise ValueError(f"{where}: one star in the column needs one star in 'from'")
-    units = UNITS[quantity]
     unit = str(entry.get("unit", next(iter(units))))
     if unit not in units:
         raise ValueError(
-            f"{where}: unit {unit!r} is unknown for {quantity}; "
+            f"{where}: unit {unit!r} is unknown for {' or '.join(kinds)}; "
             f"choose from {', '.join(units)}"
         )
     sign = _number(entry.get("sign", 1), f"{where}: sign")

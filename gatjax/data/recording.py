@@ -32,6 +32,8 @@ from gatjax.data.mapping import (
 from gatjax.runs import read_json, write_whole
 
 LARGEST_ANGLE = 6.4  # rad, just over a full turn: no position servo goes there
+ANGLE = "rad"
+COMMAND_UNITS = (ANGLE, "N m", "V")  # of commands; metadata `command_unit`
 DEGREES_SHARE = 0.05  # of the rows; fewer are glitches, not a unit
 GROUP = 1 << 16  # rows of a Parquet file that are written together
 FOREIGN_METADATA = ("pandas", "ARROW:schema")  # what other writers put in Parquet
@@ -213,7 +215,9 @@ def _check_time(recording: Recording) -> None:
 
 
 def _check_degrees(recording: Recording) -> None:
-    """Refuses joint angles that can only be degrees."""
+    """Refuses joint angles that can only be degrees; motors may turn on and on."""
+    if recording.metadata.get("command_unit", ANGLE) != ANGLE:
+        return
     for column, values in recording.columns.items():
         large = np.flatnonzero(np.abs(values) > LARGEST_ANGLE)
         is_angle = column.startswith(("command.", "position."))
@@ -293,6 +297,11 @@ def _metadata(raw: Mapping[str, Any], file: str) -> dict[str, Any]:
     if metadata.get("base", "fixed") not in ("fixed", "floating"):
         raise ValueError(
             f"{file}: metadata base is {metadata['base']!r}; it is fixed or floating"
+        )
+    if metadata.get("command_unit", ANGLE) not in COMMAND_UNITS:
+        raise ValueError(
+            f"{file}: metadata command_unit is {metadata['command_unit']!r}; it is one "
+            f"of {', '.join(COMMAND_UNITS)}"
         )
     if "rate_hz" in metadata:
         try:

@@ -8,7 +8,7 @@ import numpy as np
 
 from gatjax.data.finding import DEGREES, Finding, Ranges, angle, cell
 from gatjax.data.mapping import UNITS
-from gatjax.data.recording import Recording
+from gatjax.data.recording import ANGLE, Recording
 from gatjax.data.trajectories import GAP, RATE_TOLERANCE, JointRun, soon_after
 
 SLOWEST, FASTEST = 1.0, 1e-4  # s, no log of a servo has periods outside of these
@@ -171,11 +171,13 @@ def check_resolution(
 
 def check_units(recording: Recording, ranges: Ranges) -> list[Finding]:
     """Angles below a full turn that only make sense as degrees."""
+    follows = recording.metadata.get("command_unit", ANGLE) == ANGLE
     found = []
     for column, values in recording.columns.items():
         family, _, joint = column.partition(".")
         low, high = ranges.get(joint, (-np.inf, np.inf))
-        if family not in ("command", "position") or not np.isfinite([low, high]).all():
+        angles = ("command", "position") if follows else ("position",)
+        if family not in angles or not np.isfinite([low, high]).all():
             continue
         slack = OUTSIDE * (high - low)
         out = np.flatnonzero((values > high + slack) | (values < low - slack))

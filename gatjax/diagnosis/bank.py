@@ -216,6 +216,10 @@ CAUSES: tuple[Hypothesis, ...] = (
 )  # fmt: skip
 """Causes of the catalogue that a single joint can show."""
 
+SERVOED = frozenset({"dead_band", "command_quantization", "speed_limit (target)",
+                     "encoder_offset (in loop)", "integral action"})  # fmt: skip
+"""Names of what only a position servo can have."""
+
 OTHERS: tuple[Hypothesis, ...] = (
     signed("", "quadratic drag", "drag", "coefficient", 0.1, 5.0, limit_of),
     _spring(),
@@ -223,3 +227,10 @@ OTHERS: tuple[Hypothesis, ...] = (
     signed("", "integral action", "integral", "rate", 3.0, 50.0),
 )
 """Laws without an entry in the catalogue: when one wins, the cause is unknown."""
+
+
+def of_drive(joint: Joint, bank: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ...]:
+    """Those hypotheses of a bank that the drive of a joint can have."""
+    if joint.servoed:
+        return bank
+    return tuple(each for each in bank if each.name not in SERVOED)

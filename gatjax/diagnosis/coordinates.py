@@ -25,12 +25,15 @@ def _one(joint: Joint) -> float:
 
 def limit_of(joint: Joint) -> float:
     """Torque that shares are of, N m: the limit, or what a radian of error gives."""
-    return min(joint.nominal["limit"], joint.nominal["kp"])
+    most = joint.nominal["kp"] if joint.servoed else np.inf
+    return min(joint.nominal["limit"], most)
 
 
 def gain_of(joint: Joint) -> float:
-    """Stiffness of the servo, N m/rad."""
-    return joint.nominal["kp"]
+    """Stiffness of the servo, N m/rad; without one, the limit per tenth of a turn."""
+    if joint.servoed:
+        return joint.nominal["kp"]
+    return joint.nominal["limit"] / (0.2 * np.pi)
 
 
 def resistance_of(joint: Joint) -> float:

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 import gatjax
-from gatjax.data.recording import Recording
+from gatjax.data.recording import ANGLE, Recording
 from gatjax.data.trajectories import JointRun, to_arrays
 from gatjax.diagnosis import (
     experiment,
@@ -202,15 +202,17 @@ def _told(
     (out / "diagnosis.json").unlink(missing_ok=True)
     fallback.withdraw(out)
     lacks, learned = bool(verdict.unexplained) and not data.floating, None
-    if lacks:
+    if lacks and robot_model.servoed(data.model):
         learned = fallback.offer(out, made["extended"], data.logs, data.unseen, seed)
     tell("measure", 0.9)
     fit, unfit = ([log.name for log in logs] for logs in data.files[:2])
     name = data.model.names.split(b"\0")[0].decode()
+    about = data.files.fit[0].metadata
     return said | {
         "gain": gain,
         "fallback": learned,
-        "robot": data.files.fit[0].metadata.get("robot", name),
+        "robot": about.get("robot", name),
+        "command_unit": about.get("command_unit", ANGLE),
         "files": {"fit": fit, "held_out": unfit},
         "not_expressible": mjcf.lacking(made["extended"]),
         "smallest_effects": sensitivity.smallest(verdict.judge),

@@ -26,9 +26,10 @@ SHAPES = np.array([name.startswith("term") for name in TOLERANCES])
 def drawn_errors(
     judge: Judge, unseen: Sequence[JointRun]
 ) -> dict[int, tuple[Errors, Errors]]:
-    """Errors [n, 1] of each joint that a judge draws: tolerances alone, with causes.
+    """Errors [n, 1] of each joint that is drawn: tolerances alone, with causes.
 
-    Joints that lost commands are left out: which ones, is chance.
+    Joints without a servo always are. Joints that lost commands are left out: which
+    ones, is chance.
 
     Args:
         judge: of a robot held in the air, with its causes accepted.
@@ -36,7 +37,8 @@ def drawn_errors(
     """
     case, base = judge.case, judge.case.base
     lost = {k for claim in judge.accepted for k in claim.lost or {}}
-    wanted = {k: rate for k, rate in case.pulled.items() if k not in lost}
+    free = {joint.index: 0.0 for joint in case.joints if not joint.servoed}
+    wanted = {k: rate for k, rate in (free | case.pulled).items() if k not in lost}
     if not (wanted and isinstance(base, Held)):
         return {}
     runs = list(unseen)

@@ -64,10 +64,11 @@ def propose(
         world: world.json of the diagnosis, for the command that plays the motion.
 
     Returns:
-        `next_experiment` of diagnosis.json; None where nothing is left to separate.
+        `next_experiment` of diagnosis.json; None where nothing is left to separate, or
+        where no servo follows a motion.
     """
     claims = leading(verdict)
-    if not claims:
+    if not claims or not all(joint.servoed for joint in verdict.judge.joints):
         return None
     named = [_world(verdict, [claim], source, period) for claim in claims]
     if len(named) == 1:

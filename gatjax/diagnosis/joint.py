@@ -24,6 +24,8 @@ CREEP = 0.06  # rad/s, speed at which stiction has faded
 GRAVITY = ("gravity_x", "gravity_y", "gravity_z")  # in `nominal`, m/s^2
 UNLIMITED = 1e5  # N m: a limit of that size is none
 GIVE = 3e-4  # rad, that dry friction yields before it slips
+OBSERVED = 10.0  # 1/s, how fast a joint without a servo is drawn to its measured motion
+CAUGHT = 0.5  # s until that has made up for its start
 
 
 class Link(NamedTuple):
@@ -53,9 +55,21 @@ class Joint(NamedTuple):
     allowed: Tolerances = USUAL
     link: Link = Link(1.0, np.zeros(3), np.eye(3)[0])
 
+    @property
+    def servoed(self) -> bool:
+        """Whether a servo holds it; else it is told a torque or a voltage."""
+        return self.nominal["hold"] > 0.0
+
     def drawn(self, rate: float) -> Joint:
-        """The same, drawn to its measured motion at a rate in 1/s; 0: not at all."""
-        free = {name: n for name, n in self.nominal.items() if name != "pull"}
+        """The same, drawn to its measured motion at a rate in 1/s; 0: not at all.
+
+        One without a servo always is, as fast as that: nothing else would keep two open
+        loops together.
+        """
+        kept = ("pull", "steer")
+        free = {name: n for name, n in self.nominal.items() if name not in kept}
+        if not self.servoed:
+            return self._replace(nominal=free | observed(max(rate, OBSERVED)))
         return self._replace(nominal=free | ({"pull": rate} if rate else {}))
 
     def residual(self, drives: list[dict[str, float]], geared: bool) -> np.ndarray:
@@ -95,8 +109,13 @@ class Joint(NamedTuple):
         return laws.Drive(**numbers, terms=np.array(terms, np.float32))
 
 
+def observed(rate: float) -> dict[str, float]:
+    """An observer (Luenberger 1964) with both poles at a rate in 1/s."""
+    return {"pull": 2.0 * rate, "steer": rate**2}
+
+
 def nominal_drive(model: mujoco.MjModel, tree: weights.Tree, index: int) -> dict:
-    """Numbers of a position servo and its joint as the model file gives them."""
+    """Numbers of a drive and its joint as the model file gives them."""
     moves = tree.moves[:, index]
     held = model.actuator_trnid[index, 0]
     limits = [UNLIMITED]
@@ -105,9 +124,10 @@ def nominal_drive(model: mujoco.MjModel, tree: weights.Tree, index: int) -> dict
     if model.jnt_actfrclimited[held]:
         limits.append(float(np.abs(model.jnt_actfrcrange[held]).min()))
     gravity = dict(zip(GRAVITY, map(float, model.opt.gravity), strict=True))
-    return gravity | {
-        "kp": float(model.actuator_gainprm[index, 0]),
-        "kv": float(-model.actuator_biasprm[index, 2]),
+    servoed = bool(model.actuator_biasprm[index, 1] != 0.0)
+    return gravity | ({} if servoed else observed(OBSERVED)) | {
+        "kp": float(model.actuator_gainprm[index, 0]), "hold": float(servoed),
+        "kv": float(0.0 - model.actuator_biasprm[index, 2]),
         "limit": min(limits),
         "damping": float(np.square(moves) @ model.dof_damping),
         "friction": float(np.abs(moves) @ model.dof_frictionloss),
@@ -118,10 +138,11 @@ def nominal_drive(model: mujoco.MjModel, tree: weights.Tree, index: int) -> dict
     }  # fmt: skip
 
 
-def _asked(runs: list[JointRun], index: int, kp: float) -> float:
-    """A torque, N m, that no servo without a limit would have reached in some runs."""
-    far = [np.abs(run.command - run.angle)[:, index].max() for run in runs]
-    return 1.5 * kp * float(max(far))
+def _asked(runs: list[JointRun], index: int, drive: dict[str, float]) -> float:
+    """A torque, N m, that no drive without a limit would have reached in some runs."""
+    hold = drive["hold"]
+    far = [np.abs(run.command - hold * run.angle)[:, index].max() for run in runs]
+    return 1.5 * drive["kp"] * float(max(far))
 
 
 def supply_load(
@@ -183,12 +204,14 @@ def build(
     for index, name in enumerate(names):
         drive = nominal_drive(model, tree, index)
         if drive["limit"] >= UNLIMITED:
-            drive["limit"] = _asked(runs, index, drive["kp"])
+            drive["limit"] = _asked(runs, index, drive)
         grid = grids(index, drive["armature"])
         seen = np.stack([_padded(run.angle[:, index], rows) for run in runs])
         valid = np.zeros(seen.shape, bool)
         for row, run in zip(valid, runs, strict=True):
             row[: len(run.time)] = _free(model, run, index)
+            if not drive["hold"]:
+                row[: len(run.time)] &= run.time - run.time[0] > CAUGHT
         body = tree.body[index]
         mass, centre = float(model.body_mass[body]), model.body_ipos[body].copy()
         link = Link(mass, centre, tree.axis[index])

@@ -9,7 +9,7 @@ import numpy as np
 from gatjax.diagnosis import case as cases
 from gatjax.diagnosis import drops, search
 from gatjax.diagnosis import fit as fits
-from gatjax.diagnosis.bank import CAUSES, OTHERS
+from gatjax.diagnosis.bank import CAUSES, OTHERS, of_drive
 from gatjax.diagnosis.case import mapped
 from gatjax.diagnosis.claims import (
     BODY,
@@ -125,7 +125,9 @@ class Judge(Known):
 
     def explained(self, index: int) -> list[Fit]:
         """Fits of the causes that explain a joint best, beside what is known."""
-        return search.explain(self.joints[index], self.known[index], CAUSES + OTHERS)
+        joint = self.joints[index]
+        bank = of_drive(joint, CAUSES + OTHERS)
+        return search.explain(joint, self.known[index], bank)
 
     def _single(self) -> list[Claim]:
         """Claims about one joint."""
@@ -313,6 +315,8 @@ class Judge(Known):
         `rival` is what the best other explanation leaves, rad.
         """
         joint, known = self.joints[index], self.known[index]
+        if not joint.servoed:
+            return None  # nothing keeps two open loops together
         if index in self.case.pulled:
             joint = joint.drawn(0.0)
             first = fits.start(joint, [(known.hypothesis, known.x)])

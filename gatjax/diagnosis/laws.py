@@ -14,6 +14,7 @@ class Drive(NamedTuple):
     """Numbers of one simulated joint; arrays [S] when many are simulated."""
 
     kp: Array
+    hold: Array  # 1: a position servo, 0: it is told a torque or a voltage
     kv: Array
     limit: Array
     damping: Array
@@ -48,6 +49,7 @@ class Drive(NamedTuple):
     link_share: Array  # of damping and dry friction, behind the gear (geared only)
     behind: Array  # share of the armature that is behind the gear (geared only)
     pull: Array  # 1/s, towards the measured angle
+    steer: Array  # 1/s^2, the same of the speed
     drag: Array  # N m s^2/rad^2
     spring: Array  # N m/rad
     bias: Array  # N m
@@ -112,7 +114,7 @@ def servo(
     Args:
         p: numbers.
         g: series at this step.
-        u: delayed command, rad.
+        u: delayed command, rad; of a drive that is told its torque, N m per kp.
         s: memory.
         seen: angle that the servo sees, rad.
         speed: of the motor, rad/s.
@@ -123,7 +125,7 @@ def servo(
     share = 1.0 - jnp.exp(-h / jnp.maximum(p.lag, 1e-6))
     lagged = s.lagged + (u - s.lagged) * share
     held = s.held + jnp.clip(lagged - s.held, -p.rate * h, p.rate * h)
-    error = held - seen
+    error = held - p.hold * seen
     error = jnp.sign(error) * jnp.maximum(jnp.abs(error) - p.dead, 0.0)
     integral = s.integral + h * p.integral * error
     left = jnp.clip(1.0 - p.heat * s.heat, 0.05, 1.0)

@@ -18,7 +18,7 @@ from gatjax.data.trajectories import GAP, JointRun
 from gatjax.grounding.gat import learn_forward, next_angle
 from gatjax.grounding.network import Network
 from gatjax.grounding.transitions import HISTORY
-from gatjax.robot.model import slots
+from gatjax.robot.model import servoed, slots
 from gatjax.sim.episode import coupled_speed
 from gatjax.sim.limbs import floats, put_down
 from gatjax.sim.native import Native
@@ -60,13 +60,14 @@ def ticks(run: JointRun, period: float) -> tuple[np.ndarray, np.ndarray]:
 def whole_log(
     world: World, runs: list[JointRun], values: Sequence[Values] = ()
 ) -> list[np.ndarray]:
-    """Open-loop predictions [N, J] rad at the stamps of runs, from rest.
+    """Open-loop predictions [N, J] rad at the stamps of runs.
 
-    Each run has values of its own, the world's if none are given. A robot that stood
-    predicts nothing (NaN) from its fall on.
+    They start at rest, at the first command; without servos, from the measured angle
+    and speed. Each run has values of its own, the world's if none are given. A robot
+    that stood predicts nothing (NaN) from its fall on.
     """
-    period = world.task.control_period
-    lead = round(SETTLE / period)
+    period, follows = world.task.control_period, servoed(world.model)
+    lead = round(SETTLE / period) if follows else 0
     played = [ticks(run, period) for run in runs]
     longest = max(len(even) for even, _ in played)
     commands = np.stack(
@@ -76,8 +77,13 @@ def whole_log(
         ]
     )  # fmt: skip
     every = stacked(values or [world.values] * len(runs))
-    qpos = np.stack([put_down(world.model, c[0]) for c in commands])
-    angle = replay_many(world, every, commands, qpos, np.zeros(world.model.nv))
+    starts = commands[:, 0] if follows else np.stack([run.angle[0] for run in runs])
+    qpos = np.stack([put_down(world.model, start) for start in starts])
+    qvel = np.zeros((len(runs), world.model.nv))
+    if not follows:
+        speeds = [_speed(run, slice(BACK), 0) for run in runs]
+        qvel[:, slots(world.model).velocity] = np.stack(speeds)
+    angle = replay_many(world, every, commands, qpos, qvel)
     out = []
     for k, (run, (even, _)) in enumerate(zip(runs, played, strict=True)):
         part = k, slice(lead, lead + len(even))
@@ -120,13 +126,18 @@ def windows(runs: list[JointRun], period: float) -> Windows | None:
             if np.diff(run.time[part]).max() > (1.0 + GAP) * period:
                 continue  # rows are missing
             past = slice(first + warm - BACK, first + warm)
-            time = run.time[past] - run.time[first + warm - 1]
-            slope = np.polyfit(time, run.angle[past], 2)[1]
+            slope = _speed(run, past, first + warm - 1)
             block = number * APART + int(run.time[first] / BLOCK)
             rows.append((run.command[part], run.angle[part], slope, block))
     if not rows:
         return None
     return Windows(*(np.array(column) for column in zip(*rows, strict=True)))
+
+
+def _speed(run: JointRun, rows: slice, at: int) -> np.ndarray:
+    """Speed [J] rad/s at a row, of a parabola through some rows."""
+    time = run.time[rows] - run.time[at]
+    return np.polyfit(time, run.angle[rows], 2)[1]
 
 
 def windowed(world: World, cut: Windows, period: float) -> np.ndarray:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from gatjax.diagnosis import search
 from gatjax.diagnosis.aliases import again, alias, covered
-from gatjax.diagnosis.bank import CAUSES
+from gatjax.diagnosis.bank import CAUSES, of_drive
 from gatjax.diagnosis.case import mapped
 from gatjax.diagnosis.claims import LATER, WHOLE, Claim
 from gatjax.diagnosis.findings import LEAST_SHARE, explained, whole, worth_naming
@@ -86,7 +86,7 @@ def _beside(judge: Judge, first: Claim, index: int) -> Claim:
     joint = changed(judge.case, first, index, judge.joints[index])
     count = len(judge.joints)
     never = covered(first.hypothesis, count) | set(WHOLE if count > 1 else ())
-    bank = tuple(h for h in CAUSES if h.cause not in never)
+    bank = tuple(h for h in of_drive(joint, CAUSES) if h.cause not in never)
     found = search.proposals(joint, first.fits[index], bank)
     best = max(found, key=lambda fit: judge.score(index, fit, joint))
     return first._replace(gain=judge.score(index, best, joint), fits={index: best})

@@ -119,7 +119,9 @@ def rigid_step(p: Drive, g: Grid, u: Array, aim: Array, s: Rigid, h: float) -> R
     v, bristle, done = driven(p, push, old, inertia + p.armature, 0.0, aside, h)
     through = inertia * (v - s.v) / h - torque
     carried = through + p.by_servo * (done - through)
-    q = s.q + h * (v + p.pull * (aim - s.q))
+    off = aim - s.q
+    q = s.q + h * (v + p.pull * off)
+    v = v + h * p.steer * off
     return Rigid(q, v, carried, bristle, laws.warmed(p, g, memory, done, h))
 
 
@@ -149,9 +151,10 @@ def geared_step(p: Drive, g: Grid, u: Array, aim: Array, s: Geared, h: float) ->
     through = (spring + tie * (turning - v)) / h
     carried = through + p.by_servo * (done - through)
     memory = laws.warmed(p, g, memory, done, h)
-    pulled = p.pull * (aim - s.seen(p))
-    turned = s.turned + h * (turning + pulled)
-    q = s.q + h * (v + pulled)
+    off = aim - s.seen(p)
+    turned = s.turned + h * (turning + p.pull * off)
+    q = s.q + h * (v + p.pull * off)
+    turning, v = (speed + h * p.steer * off for speed in (turning, v))
     return Geared(q, v, turned, turning, carried, bristle, link_bristle, memory)
 
 
@@ -185,11 +188,15 @@ def _measured(p: Drive, grid: Grid, h: float) -> Any:
 
 
 def _simulate(p: Drive, grid: Grid, h: float, geared: bool, drawn: bool) -> tuple:
-    """Last state, angles at the encoder and of the link [K, R, S]; from rest."""
+    """Last state, angles at the encoder and of the link [K, R, S].
+
+    A joint starts at rest, at its first command or, if that is none, its first angle.
+    """
     at, aim = _delayed(grid.target.T, p.delay, h), _measured(p, grid, h)
-    first = at(jnp.zeros((), jnp.int32))
-    zero = jnp.zeros_like(first)
-    memory = Servo(first, first, zero, zero)
+    told, zero = at(jnp.zeros((), jnp.int32)), jnp.zeros((), jnp.int32)
+    memory = Servo(told, told, 0.0 * told, 0.0 * told)
+    first = jnp.where(p.hold > 0.0, told, aim(zero))
+    zero = 0.0 * first
     start: Any = Rigid(first, zero, zero, zero, memory)
     if geared:
         start = Geared(first, zero, first, zero, zero, zero, zero, memory)

@@ -171,10 +171,17 @@ def joint_rows(verdict: Verdict) -> list[dict[str, Any]]:
 def calibration_rows(verdict: Verdict) -> list[dict[str, Any]]:
     """Nominal numbers and what the logs say of them, within the tolerances."""
     rows = []
-    units = {"kp": "N*m/rad", "kv": "N*m*s/rad", "damping": "N*m*s/rad",
-             "armature": "kg*m^2", "limit": "N*m", "friction": "N*m"}  # fmt: skip
+    units = {
+        "kp": "",
+        "kv": "N*m*s/rad",
+        "damping": "N*m*s/rad",
+        "armature": "kg*m^2",
+        "limit": "N*m",
+        "friction": "N*m",
+    }
     for joint, fit in zip(verdict.judge.joints, verdict.judge.known, strict=True):
         drive = numbers(joint, None, fit.x[:COUNT])
+        units["kp"] = "N*m/rad" if joint.servoed else "N*m per command"
         for name, unit in units.items():
             share = getattr(joint.allowed, name)
             rows.append(

@@ -8,7 +8,7 @@ import numpy as np
 
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.aliases import alias
-from gatjax.diagnosis.bank import CAUSES
+from gatjax.diagnosis.bank import CAUSES, of_drive
 from gatjax.diagnosis.claims import PLACE, PRICE
 from gatjax.diagnosis.findings import needed
 from gatjax.diagnosis.fit import Fit
@@ -52,12 +52,15 @@ def smallest(judge: Judge) -> list[dict[str, Any]]:
     if len(judge.accepted) == judge.most:
         return []
     plain = {h.cause for h in CAUSES if len(h.low) == 1}
-    bank = [h for h in CAUSES if len(h.low) == 1 or h.cause not in plain]
+    bank = tuple(h for h in CAUSES if len(h.low) == 1 or h.cause not in plain)
     best: dict[str, tuple[float, dict[str, Any]]] = {}
     for index, joint in enumerate(judge.joints):
         told = _told(judge, index)
         ladders = [
-            ladder for h in bank if h.cause not in told for ladder in _ladders(joint, h)
+            ladder
+            for h in of_drive(joint, bank)
+            if h.cause not in told
+            for ladder in _ladders(joint, h)
         ]
         margins = _margins(judge, index, ladders)
         for ladder, margin in zip(ladders, margins, strict=True):

@@ -8,7 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from gatjax.data.recording import Recording
+from gatjax.data.recording import ANGLE, Recording
 from gatjax.data.trajectories import JointRun
 from gatjax.robot import model as robot_model
 from gatjax.sim.episode import ties
@@ -44,25 +44,33 @@ def check_model(model: mujoco.MjModel, path: Path) -> None:
     if model.nu == 0:
         raise ValueError(f"{path}: no actuators; give every driven joint a <position>")
     robot_model.joint_names(model)
-    _check_servos(model, path)
+    _check_drives(model, path)
+    angles = model.actuator_biasprm[:, 1] != 0.0
+    if not angles.all() and (angles.any() or floats(model)):
+        raise ValueError(
+            f"{path}: only some actuators are position servos; gatjax diagnose takes "
+            f"either servos at all joints, or, on a fixed base, motors at all"
+        )
 
 
-def _check_servos(model: mujoco.MjModel, path: Path) -> None:
-    """Refuse actuators that are no position servos of a hinge, at its side."""
+def _check_drives(model: mujoco.MjModel, path: Path) -> None:
+    """Refuse actuators that are neither servos nor motors of a hinge, at its side."""
     kp, position = model.actuator_gainprm[:, 0], model.actuator_biasprm[:, 1]
-    is_servo = (
+    plain = (mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtBias.mjBIAS_AFFINE)
+    is_drive = (
         (model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED)
-        & (model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE)
+        & np.isin(model.actuator_biastype, plain)
         & (model.actuator_dyntype == mujoco.mjtDyn.mjDYN_NONE)
         & (kp > 0.0)
-        & np.isclose(kp, -position)
+        & (np.isclose(kp, -position) | (position == 0.0))
     )
     hinge = model.jnt_type[model.actuator_trnid[:, 0]] == mujoco.mjtJoint.mjJNT_HINGE
     low, high = model.actuator_forcerange.T
     lopsided = model.actuator_forcelimited.astype(bool) & ~np.isclose(-low, high)
     for wrong, text in (
-        (~is_servo, 'is no position servo; gatjax diagnose needs <position kp=".." '
-         'kv=".." joint=".."/> at every driven joint'),
+        (~is_drive, 'is no drive that gatjax diagnose knows; it takes <position '
+         'kp=".." kv=".."/>, <motor/> for torques and <general gainprm="kt/R" '
+         'biastype="affine" biasprm="0 0 -kt^2/R"/> for voltages'),
         (~hinge, "drives no hinge; angles, units and thresholds of gatjax diagnose "
          "are those of hinges: lock other joints, or leave them out"),
         (~np.isclose(model.actuator_gear[:, 0], 1.0), "has a gear; take it out, and "
@@ -73,6 +81,23 @@ def _check_servos(model: mujoco.MjModel, path: Path) -> None:
         if wrong.any():
             name = model.actuator(int(np.flatnonzero(wrong)[0])).name
             raise ValueError(f"{path}: actuator {name!r} {text}")
+
+
+def check_commands(model: mujoco.MjModel, recording: Recording) -> None:
+    """Refuse a log whose commands are not what the model's actuators take.
+
+    Raises:
+        ValueError: one line with what to change.
+    """
+    unit = recording.metadata.get("command_unit", ANGLE)
+    if robot_model.servoed(model) == (unit == ANGLE):
+        return
+    drive = "position servos" if unit != ANGLE else "no position servos"
+    raise ValueError(
+        f"{recording.name}: commands are in {unit}, but the model has {drive}; say "
+        f"what they are by a map (command.<joint>: {{unit: N m}} or V), or give the "
+        f"model the actuators of the robot: <position>, <motor> or <general>"
+    )
 
 
 def check_replay(

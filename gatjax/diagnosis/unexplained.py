@@ -100,10 +100,14 @@ def _series(
         start += len(rest)
         found = smoothed(run, np.interp(time, time[valid], rest)[:, None], time)
         inertia = np.interp(time, motion.time, load.nominal.inertia[:, joint.index])
+        damping, spring = drive["kv"] + drive["damping"], drive["kp"]
+        if not joint.servoed:  # what draws it to the measured motion is its servo
+            damping = damping + inertia * drive["pull"]
+            spring = inertia * drive["steer"]
         torque.append(
             inertia * found.acceleration[:, 0]
-            + (drive["kv"] + drive["damping"]) * found.velocity[:, 0]
-            + drive["kp"] * found.position[:, 0]
+            + damping * found.velocity[:, 0]
+            + spring * found.position[:, 0]
         )
         block.append(number * measure.APART + time.astype(int))
         columns.append(_features(case, joint, number, time, beside[number]))

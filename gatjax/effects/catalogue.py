@@ -68,7 +68,7 @@ CATALOGUE = {
     ),
     "speed_limit": Cause(
         (P("limit", "rad/s", 0.05, 40.0), P("on_motor", "1", 0.0, 1.0, 0.0)), INF,
-        (Part("motor", drive.speed_limit, ("limit",), ("on_motor", 0.0)),
+        (Part("motor", drive.speed_limit, ("limit",), ("on_motor", 0.0), follows=True),
          Part("joint", joint.speed_line, ("limit",), ("on_motor", 1.0))),
         "on_motor 0: |d target/dt| <= limit inside the servo; 1: torque <= stall "
         "(1 - v / limit)", "NAO6 datasheet: 4.5 and 7.0 rad/s",
@@ -104,7 +104,8 @@ CATALOGUE = {
     ),
     "dead_band": Cause(
         (P("half_width", "rad", 0.0, 0.25),), 0.0,
-        (Part("motor", _plain(drive.dead_band), ("half_width",), sees=True),),
+        (Part("motor", _plain(drive.dead_band), ("half_width",), sees=True,
+              follows=True),),
         "no torque while |target - angle| < half_width", "E1 prototype: 0.5 deg",
     ),
     "command_quantization": Cause(
@@ -137,14 +138,16 @@ CATALOGUE = {
     "encoder_offset": Cause(
         (P("offset", "rad", -1.0, 1.0), P("in_loop", "1", 0.0, 1.0, 0.0)), 0.0,
         (Part("sensor", _plain(sensor.offset), ("offset",)),
-         Part("motor", _plain(drive.shifted), ("offset",), ("in_loop", 1.0))),
+         Part("motor", _plain(drive.shifted), ("offset",), ("in_loop", 1.0),
+              follows=True)),
         "measured = angle + offset; in_loop 1: the servo sees it too",
         "NAO joint calibration: 0.3 to 5 deg",
     ),
     "encoder_scale": Cause(
         (P("scale", "1", 0.5, 1.5), P("in_loop", "1", 0.0, 1.0, 0.0)), 1.0,
         (Part("sensor", _plain(sensor.scale), ("scale",)),
-         Part("motor", _plain(drive.scaled), ("scale",), ("in_loop", 1.0), True)),
+         Part("motor", _plain(drive.scaled), ("scale",), ("in_loop", 1.0), True,
+              True)),
         "measured = scale angle; in_loop 1: the servo sees it too",
         "potentiometers: 1 to 12 %",
     ),

@@ -39,6 +39,7 @@ class Part(NamedTuple):
     takes: tuple[str, ...]  # one name: params are its array; more: a dict of arrays
     variant: tuple[str, float] | None = None  # only where this parameter is 0 or 1
     sees: bool = False  # a motor part that reads the joint's angle or speed
+    follows: bool = False  # a motor part of position servos only
 
 
 class Cause(NamedTuple):

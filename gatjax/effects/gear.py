@@ -141,7 +141,8 @@ def _motor(
     """
     servo, inside = drive.servo, gear.encoder_on_motor > 0.5
     speed = state.own + state.taken * drive.velocity
-    error = drive.target - drive.angle - xp.where(inside, twist, 0.0)
+    turned = drive.angle + xp.where(inside, twist, 0.0)
+    error = drive.target - servo.hold * turned
     asked = servo.gain * error - servo.damping * speed
     pull = xp.clip(asked, servo.low, servo.high)
     able = pull == asked

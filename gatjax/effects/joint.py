@@ -20,9 +20,13 @@ WARM = 0.25  # share of the limit a motor bears for ever: Aldebaran's motor page
 
 
 def pull(drive: Drive) -> Array:
-    """Torque of the servos now, [..., J] N m: kp error - kv velocity, in its limits."""
+    """Torque of the servos now, [..., J] N m: kp error - kv velocity, in its limits.
+
+    A drive that does not hold a position has its command instead of the error.
+    """
     xp, servo = namespace_of(drive.angle, drive.target), drive.servo
-    free = servo.gain * (drive.target - drive.angle) - servo.damping * drive.velocity
+    error = drive.target - servo.hold * drive.angle
+    free = servo.gain * error - servo.damping * drive.velocity
     return xp.clip(free, servo.low, servo.high)
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from gatjax.data.recording import Recording
+from gatjax.data.recording import ANGLE, Recording
 
 MOST = 12  # joints that are drawn
 POINTS = 3000  # of each line
@@ -24,6 +25,7 @@ def draw_recording(recording: Recording, path: Path) -> None:
     """
     seen = [c[9:] for c in recording.columns if c.startswith("position.")]
     shown = sorted(seen)[:MOST]
+    unit = recording.metadata.get("command_unit", ANGLE)
     time = _strung(recording)
     ends = time[:-1][np.diff(recording.trajectory) != 0]
     step = max(1, len(time) // POINTS)
@@ -32,9 +34,7 @@ def draw_recording(recording: Recording, path: Path) -> None:
     for axes, joint in zip(grid[:, 0], shown, strict=True):
         command = recording.columns.get(f"command.{joint}")
         if command is not None:
-            axes.plot(
-                time[::step], np.rad2deg(command[::step]), lw=0.8, label="command"
-            )
+            _draw_command(axes, time[::step], command[::step], unit)
         position = np.rad2deg(recording.columns[f"position.{joint}"][::step])
         axes.plot(time[::step], position, lw=0.8, label="position")
         axes.set_ylabel(f"{joint}\ndegrees", fontsize=8)
@@ -45,6 +45,17 @@ def draw_recording(recording: Recording, path: Path) -> None:
     more = f", {left} more joints not drawn" if left else ""
     grid[-1, 0].set_xlabel(f"time, runs one after the other, s{more}")
     figure.savefig(path, dpi=DOTS)
+
+
+def _draw_command(axes: Axes, time: np.ndarray, command: np.ndarray, unit: str) -> None:
+    """Draw a command beside the position, on an axis of its own if it is no angle."""
+    if unit == ANGLE:
+        axes.plot(time, np.rad2deg(command), lw=0.8, label="command")
+        return
+    axes.plot([], [], lw=0.8, label="command")  # for the legend, and its colour
+    beside = axes.twinx()
+    beside.plot(time, command, lw=0.8)
+    beside.set_ylabel(f"command, {unit}", fontsize=8)
 
 
 def _strung(recording: Recording) -> np.ndarray:

@@ -76,6 +76,11 @@ def joint_names(model: mujoco.MjModel) -> tuple[str, ...]:
     return tuple(model.joint(int(index)).name for index in ids)
 
 
+def servoed(model: mujoco.MjModel) -> bool:
+    """Whether the actuators are position servos; else their commands are no angles."""
+    return bool((model.actuator_biasprm[:, 1] != 0.0).all())
+
+
 def check_walker(model: mujoco.MjModel, name: str) -> None:
     """Refuse a model that the walk is not made for.
 

@@ -28,7 +28,7 @@ class State(NamedTuple):
 class Push(NamedTuple):
     """What the physics gets; None is what a world without such effects leaves."""
 
-    control: Array  # [..., J] rad, for the position actuators
+    control: Array  # [..., J] for the actuators, rad where they are position servos
     load: Array  # [..., J] N m, on the joints
     friction: Array  # [..., J] N m, dry friction of the joints
     armature: Array  # [..., J] kg m^2, of joints with gears
@@ -114,8 +114,8 @@ def actuation(world: World) -> Actuation:
 
 
 def _control(drive: Drive, plain: Array, torque: Array) -> Array:
-    """Target with which MuJoCo's actuator gives `torque` instead of `plain`, rad."""
+    """Command with which MuJoCo's actuator gives `torque` instead of `plain`."""
     xp, servo = namespace_of(drive.angle, drive.target), drive.servo
     wanted = torque + servo.damping * drive.velocity
-    wanted = drive.angle + wanted / xp.maximum(servo.gain, 1e-9)
+    wanted = servo.hold * drive.angle + wanted / xp.maximum(servo.gain, 1e-9)
     return xp.where(torque == plain, drive.target, wanted)

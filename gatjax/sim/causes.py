@@ -35,6 +35,9 @@ def parts(rows: Sequence[dict], *slots: str) -> list[Part]:
 def places(model: mujoco.MjModel, row: dict, part: Part) -> tuple[str, ...]:
     """Check `where` and name what a part's params are listed by; () for numbers."""
     place, where = cause(row["cause"]).place, row["where"]
+    if part.follows and not robot_model.servoed(model):
+        values = f"{row['cause']} {dict(row['values'])}"
+        raise ValueError(f"{values}: only position servos have it, the model has none")
     names = robot_model.joint_names(model)
     if place == "foot":
         names = tuple(model.body(index).name for index in range(model.nbody))

@@ -83,18 +83,20 @@ def check(model: mujoco.MjModel, fields: Fields, name: str) -> None:
 
 
 def servo(model: mujoco.MjModel, fields: Fields) -> Servo:
-    """Read the servos [J] off a model with fields."""
+    """Read the drives [J] off a model with fields."""
 
     def now(name: str) -> np.ndarray:
         return np.array(fields.get(name, getattr(model, name)))
 
     dofs = model.jnt_dofadr[model.actuator_trnid[:, 0]]
     bias, span = now("actuator_biasprm"), now("actuator_forcerange")
+    gain = now("actuator_gainprm")[:, 0]
     free = model.actuator_forcelimited == 0
     rotor = now("dof_armature")[dofs]
     whole = 1.0 / now("dof_invweight0")[dofs]
     return Servo(
-        gain=now("actuator_gainprm")[:, 0],
+        gain=gain,
+        hold=-bias[:, 1] / np.where(gain > 0.0, gain, 1.0),
         damping=-bias[:, 2],
         low=np.where(free, -np.inf, span[:, 0]),
         high=np.where(free, np.inf, span[:, 1]),

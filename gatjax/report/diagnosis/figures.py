@@ -41,10 +41,9 @@ def overlay(signals: Signals, trace: Trace, rows: np.ndarray) -> str:
     time = signals.time[rows] - begin
 
     def paint(axes: Axes) -> None:
-        sent = np.rad2deg(trace.command[rows])
-        axes.step(
-            *thinned(time, sent), color=FAINT, lw=1, where="post", linestyle=(0, (2, 2))
-        )
+        if trace.command is not None:
+            sent = thinned(time, np.rad2deg(trace.command[rows]))
+            axes.step(*sent, color=FAINT, lw=1, where="post", linestyle=(0, (2, 2)))
         for colour, angle in ((INK, trace.measured), *models(trace)):
             line = thinned(time, np.rad2deg(angle[rows]))
             axes.plot(*line, color=colour, **stroke(colour))
@@ -119,12 +118,15 @@ def residual_pictures(signals: Signals, trace: Trace) -> dict[str, str]:
 
 def hysteresis(signals: Signals, trace: Trace) -> str | None:
     """Command minus angle against command in slow motion, rising and falling."""
-    ways = slow_ways(signals, trace.command)
+    command = trace.command
+    if command is None:
+        return None
+    ways = slow_ways(signals, command)
     loops = []
     for colour, angle in ((INK, trace.measured), *models(trace)):
-        behind = np.rad2deg(trace.command - angle)
+        behind = np.rad2deg(command - angle)
         for rows, dash in zip(ways, ("-", (0, (3, 2))), strict=True):
-            loops.append((colour, dash, binned(trace.command[rows], behind[rows])))
+            loops.append((colour, dash, binned(command[rows], behind[rows])))
     if any(bins is None for _, _, bins in loops):
         return None
 
@@ -143,8 +145,11 @@ def hysteresis(signals: Signals, trace: Trace) -> str | None:
 
 def response_pictures(signals: Signals, trace: Trace) -> dict[str, str]:
     """Gain and delay over frequency, measured and simulated."""
+    command = trace.command
+    if command is None:
+        return {}
     lines = [
-        (colour, response(signals, trace.command, angle))
+        (colour, response(signals, command, angle))
         for colour, angle in ((INK, trace.measured), *models(trace))
     ]
     if any(len(each.frequency) < 4 for _, each in lines):

@@ -73,7 +73,8 @@ def _joint(name: str, signals: Signals, trace: Trace) -> str:
         picture(title, svg)
         for title, svg in figures.response_pictures(signals, trace).items()
     ]
-    colours = [("ink", "measured"), ("faint", "command"), ("none", "nominal model")]
+    sent = [] if trace.command is None else [("faint", "command")]
+    colours = [("ink", "measured"), *sent, ("none", "nominal model")]
     if trace.extended is not None:
         colours.append(("gat", "extended model"))
     note = (

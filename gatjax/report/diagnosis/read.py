@@ -71,7 +71,7 @@ class Horizon(NamedTuple):
 class Trace(NamedTuple):
     """The signals of one joint, each [N]; rad, load in N m; None where missing."""
 
-    command: np.ndarray
+    command: np.ndarray | None  # rad; None where commands are no angles
     measured: np.ndarray
     nominal: np.ndarray
     extended: np.ndarray | None
@@ -126,7 +126,7 @@ def read_diagnosis(folder: Path) -> Diagnosis:
         raise FileNotFoundError(f"{path}: no such file; gatjax diagnose writes it")
     raw = read_json(path)
     problems: list[str] = []
-    gain = raw.get("gain")
+    gain, follows = raw.get("gain"), raw.get("command_unit", "rad") == "rad"
     return Diagnosis(
         folder=folder,
         raw=raw,
@@ -137,7 +137,7 @@ def read_diagnosis(folder: Path) -> Diagnosis:
             _horizon(row)
             for row in rows_of(gain.get("horizons") if isinstance(gain, dict) else None)
         ],
-        signals=_read_signals(folder / "signals.parquet", problems),
+        signals=_read_signals(folder / "signals.parquet", follows, problems),
         problems=problems,
     )
 
@@ -204,8 +204,11 @@ def _horizon(row: Mapping[str, Any]) -> Horizon:
     )
 
 
-def _read_signals(path: Path, problems: list[str]) -> Signals | None:
-    """The signals; None, and a problem in words, if they cannot be read."""
+def _read_signals(path: Path, follows: bool, problems: list[str]) -> Signals | None:
+    """The signals; None, and a problem in words, if they cannot be read.
+
+    `follows` says whether commands are angles.
+    """
     if not path.is_file():
         problems.append("signals.parquet is missing: no pictures of the joints")
         return None
@@ -226,7 +229,7 @@ def _read_signals(path: Path, problems: list[str]) -> Signals | None:
     key = np.stack([held, columns.get("trajectory", blank)], axis=-1)
     _, run = np.unique(key, axis=0, return_inverse=True)
     names = [c.removeprefix("measured.") for c in columns if c.startswith("measured.")]
-    joints = {name: _trace(columns, name) for name in names}
+    joints = {name: _trace(columns, name, follows) for name in names}
     found = {name: trace for name, trace in joints.items() if trace is not None}
     lacking = sorted(set(joints) - set(found))
     if lacking:
@@ -234,7 +237,9 @@ def _read_signals(path: Path, problems: list[str]) -> Signals | None:
     return Signals(time, run.ravel(), held, found)
 
 
-def _trace(columns: Mapping[str, np.ndarray], joint: str) -> Trace | None:
+def _trace(
+    columns: Mapping[str, np.ndarray], joint: str, follows: bool
+) -> Trace | None:
     """The signals of a joint; None without command or nominal model."""
     optional: Sequence[np.ndarray | None] = [
         columns.get(f"{family}.{joint}")
@@ -246,4 +251,4 @@ def _trace(columns: Mapping[str, np.ndarray], joint: str) -> Trace | None:
     )
     if command is None or measured is None or nominal is None:
         return None
-    return Trace(command, measured, nominal, extended, load)
+    return Trace(command if follows else None, measured, nominal, extended, load)
