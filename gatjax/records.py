@@ -103,6 +103,7 @@ class Drive(NamedTuple):
     servo: Servo  # as it is now
     load: Array  # [..., J] N m, torque on the joint beside the servo's
     torque: Array  # [..., J] N m, what the servo gave in the last step
+    stiffness: Array  # [..., J] share of its gain that a log says it had; 0: no power
 
 
 class Sensed(NamedTuple):

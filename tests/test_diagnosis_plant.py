@@ -24,7 +24,8 @@ def joint(target, rest=0.0, inertia=0.018):
     grid = laws.Grid(
         target=series, path=0.0 * flat, rest=rest * flat, slope=0.0 * flat,
         inertia=inertia * flat, rest_terms=empty, inertia_terms=empty,
-        supply=flat, clock=jnp.asarray(time[:, None], jnp.float32), running=flat,
+        stiffness=flat, supply=flat, running=flat,
+        clock=jnp.asarray(time[:, None], jnp.float32),
     )  # fmt: skip
     stamps = np.arange(0.0, 2.5, 0.01)[None]
     return Joint(

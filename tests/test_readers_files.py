@@ -12,6 +12,7 @@ import pytest
 from pyarrow import parquet
 
 from gatjax.data import readers
+from gatjax.data.readers import drafts
 
 PACE = Path(__file__).parent / "data" / "logs" / "pace.pt"
 TIME = np.linspace(0.0, 1.0, 51)
@@ -109,12 +110,15 @@ def entry(time, on=True):
             "speed": 0.0, "torque_enable": on}  # fmt: skip
 
 
-def test_a_servo_without_torque_has_no_command(bam):
-    path = bam([entry(0.01 * k, on=k < 70) for k in range(100)])
-    made = readers.assemble(read(path))
-    assert len(made.recording.time) == 70
+def test_the_gain_of_a_servo_is_its_stiffness_and_none_without_torque(bam):
+    source = read(bam([entry(0.01 * k, on=k < 70) for k in range(100)]))
+    made = readers.assemble(source)
+    stiff = made.recording.columns["stiffness.servo"]  # of the XL330's usual gain, 400
+    assert stiff[:70] == pytest.approx(0.25) and not stiff[70:].any()
     assert made.recording.metadata["kp"] == 100
-    assert "30 rows left out, from row 71" in made.notes[0]
+    assert "off in 30 rows, the first of them row 71" in made.notes[0]
+    assert "a stiffness of 1 is a P gain of 400" in made.notes[1]
+    assert "scale: 0.0025" in drafts.text([source])
 
 
 def test_a_number_that_is_missing_is_told_with_its_row(bam):

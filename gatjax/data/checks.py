@@ -42,7 +42,7 @@ def findings(recording: Recording, ranges: Ranges, role: Role) -> list[Finding]:
         compares positions with commands is for commands that are angles.
     """
     joints = [c[8:] for c in recording.columns if c.startswith("command.")]
-    runs = to_arrays(recording, joints)
+    runs = [_powered(run) for run in to_arrays(recording, joints)]
     position = {joint: recording.columns[f"position.{joint}"] for joint in joints}
     steps = {joint: sampling.encoder_step(position[joint]) for joint in joints}
     noise = {joint: sampling.noise_of(position[joint]) for joint in joints}
@@ -68,6 +68,11 @@ def findings(recording: Recording, ranges: Ranges, role: Role) -> list[Finding]:
     if follows:
         found += tracking.check_tracking(recording, runs, joints)
     return [*found, *tracking.check_repeats(recording, runs, joints)]
+
+
+def _powered(run: JointRun) -> JointRun:
+    """A run whose joints without power were told what they did: they follow nothing."""
+    return run._replace(command=np.where(run.stiff > 0.0, run.command, run.angle))
 
 
 def _against_commands(

@@ -63,6 +63,7 @@ JOINT_FAMILIES = {
     "torque": "torque",
     "current": "current",
     "temperature": "temperature",
+    "stiffness": "ratio",
 }
 """`<family>.<joint>` columns and what they measure."""
 

@@ -182,7 +182,14 @@ def _check_pairs(recording: Recording) -> None:
 
 
 def _check_numbers(recording: Recording) -> None:
-    """Refuses values that are missing or infinite."""
+    """Refuses values that are missing or infinite, and negative stiffness."""
+    for column, values in recording.columns.items():
+        low = np.flatnonzero(values < 0.0)
+        if column.startswith("stiffness.") and low.size:
+            raise ValueError(
+                f"{_cell(recording.name, low[0], column)}: {values[low[0]]:g} is no "
+                f"share of a gain; it is 0 without power, 1 at the model's kp"
+            )
     for column, values in {"time": recording.time, **recording.columns}.items():
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:

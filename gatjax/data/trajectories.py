@@ -24,6 +24,18 @@ class JointRun(NamedTuple):
     time: np.ndarray  # [T] s
     command: np.ndarray  # [T, J] rad
     angle: np.ndarray  # [T, J] rad
+    stiffness: np.ndarray | None = None  # [T, J] share of the nominal gain, 0: off
+
+    @property
+    def stiff(self) -> np.ndarray:
+        """Share of the nominal gain [T, J], 1 where the log does not say."""
+        return np.ones_like(self.command) if self.stiffness is None else self.stiffness
+
+    def part(self, rows: np.ndarray) -> JointRun:
+        """Return some rows: indices, or bool [T]."""
+        cut = {name: getattr(self, name)[rows] for name in ("time", "command", "angle")}
+        stiff = None if self.stiffness is None else self.stiffness[rows]
+        return self._replace(**cut, stiffness=stiff)
 
 
 def to_recording(
@@ -83,12 +95,13 @@ def to_arrays(recording: Recording, joints: Sequence[str]) -> list[JointRun]:
         )
     command = np.stack([recording.columns[f"command.{j}"] for j in joints], axis=-1)
     angle = np.stack([recording.columns[f"position.{j}"] for j in joints], axis=-1)
+    full, stiff = np.ones(len(recording.time)), None
+    if any(f"stiffness.{joint}" in recording.columns for joint in joints):
+        told = [recording.columns.get(f"stiffness.{joint}", full) for joint in joints]
+        stiff = np.stack(told, axis=-1)
     return [
-        JointRun(
-            trajectory=int(run),
-            time=recording.time[recording.trajectory == run],
-            command=command[recording.trajectory == run],
-            angle=angle[recording.trajectory == run],
+        JointRun(int(run), recording.time, command, angle, stiff).part(
+            recording.trajectory == run
         )
         for run in np.unique(recording.trajectory)
     ]

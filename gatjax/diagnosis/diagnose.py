@@ -202,7 +202,8 @@ def _told(
     (out / "diagnosis.json").unlink(missing_ok=True)
     fallback.withdraw(out)
     lacks, learned = bool(verdict.unexplained) and not data.floating, None
-    if lacks and robot_model.servoed(data.model):
+    angles = robot_model.servoed(data.model)
+    if lacks and angles and not any(run.stiffness is not None for run in data.logs):
         learned = fallback.offer(out, made["extended"], data.logs, data.unseen, seed)
     tell("measure", 0.9)
     fit, unfit = ([log.name for log in logs] for logs in data.files[:2])

@@ -40,7 +40,7 @@ def learn(world: World, logs: list[JointRun], seed: int) -> Grounding:
     Returns:
         GAT on all joints, with its alpha; 0 if it makes every prediction worse.
     """
-    early = [measure.rows_of(run, np.arange(_split(run))) for run in logs]
+    early = [run.part(np.arange(_split(run))) for run in logs]
     forward, forward_fit = learn_forward(measure.pieces(early), seed)
     simulated = measure.pieces(_simulated(world, early, seed))
     inverse, inverse_fit = learn_inverse(simulated, seed + 1)

@@ -231,7 +231,12 @@ def _grids(
     ends = np.array([run.time[-1] - run.time[0] for run in runs])
     at, few = moved[0].time, moved[0].time[:: weights.COARSE]
     clock = np.broadcast_to(time[:, None], (len(time), len(runs)))
-    targets = [motions.cells(run.time - run.time[0], run.command, time) for run in runs]
+    targets, stiff = (
+        [motions.cells(run.time - run.time[0], s, time) for run, s in pairs]
+        for pairs in (
+            [(run, run.command) for run in runs], [(run, run.stiff) for run in runs]
+        )
+    )  # fmt: skip
     added = weights.shapes(loads)
     largest = max(float(total.max()) for total in supply)
     supply = [total / max(largest, 1e-9) for total in supply]
@@ -257,9 +262,11 @@ def _grids(
         ]  # fmt: skip
 
     def grid(index: int, armature: float) -> laws.Grid:
-        target = np.stack([t[:, index] for t in targets], 1)
+        told = [np.stack([s[:, index] for s in each], 1) for each in (targets, stiff)]
+        target, stiffness = (jnp.asarray(s, jnp.float32) for s in told)
         return laws.Grid(
-            target=jnp.asarray(target, jnp.float32),
+            target=target,
+            stiffness=stiffness,
             path=series([m.position[:, index] for m in moved]),
             rest=series([l.nominal.rest[:, index] for l in loads]),
             slope=series([l.nominal.slope[:, index] for l in loads]),

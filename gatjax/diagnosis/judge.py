@@ -121,7 +121,8 @@ class Judge(Known):
     def _pull(self, joints: list[int], rate: float) -> None:
         """Look at joints again, drawn to their measured motion at a rate in 1/s."""
         self._draw(dict.fromkeys(joints, rate))
-        self.found |= dict(zip(joints, mapped(self.explained, joints), strict=True))
+        found = mapped(self.explained, joints, lambda share: self.tell("astray", share))
+        self.found |= dict(zip(joints, found, strict=True))
 
     def explained(self, index: int) -> list[Fit]:
         """Fits of the causes that explain a joint best, beside what is known."""
@@ -293,7 +294,9 @@ class Judge(Known):
             and not any(k in (claim.lost or {}) for claim in self.accepted)
         ]  # fmt: skip
         self.losses = {k: v for k, v in self.losses.items() if k not in missing}
-        found = mapped(lambda k: self._decoded(k, left[k]), noisy)
+        found = mapped(
+            lambda k: self._decoded(k, left[k]), noisy, lambda s: self.tell("losses", s)
+        )
         self.losses |= dict(zip(noisy, found, strict=True))
         out = [claim for claim in self.losses.values() if claim is not None]
         good = [claim for claim in out if claim.lost and claim.gain > WORTH]

@@ -73,6 +73,7 @@ class Grid(NamedTuple):
     inertia: Array  # of the link, armature excluded
     rest_terms: Array
     inertia_terms: Array
+    stiffness: Array  # share of the servo's gain that the log tells, 0: no power
     supply: Array  # load of the supply, 1 at its largest
     clock: Array  # s since the start of the run
     running: Array  # 1 until the run ends, 0 after
@@ -130,9 +131,10 @@ def servo(
     integral = s.integral + h * p.integral * error
     left = jnp.clip(1.0 - p.heat * s.heat, 0.05, 1.0)
     left *= jnp.clip(1.0 - p.sag * g.supply[:, None], 0.05, 1.0)
-    most = p.limit * left
+    stiffness = g.stiffness[:, None]
+    most = p.limit * left * (stiffness > 0.0)  # without power no back EMF either
     push = Push(
-        p.kp * left * (error + integral),
+        p.kp * stiffness * left * (error + integral),
         -most * jnp.clip(1.0 + speed / p.speed, 0.0, 1.0),
         most * jnp.clip(1.0 - speed / p.speed, 0.0, 1.0),
     )

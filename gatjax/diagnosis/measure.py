@@ -23,7 +23,7 @@ from gatjax.sim.episode import coupled_speed
 from gatjax.sim.limbs import floats, put_down
 from gatjax.sim.native import Native
 from gatjax.sim.replay import replay_many
-from gatjax.sim.world import Values, World, stacked
+from gatjax.sim.world import Values, World, stacked, stiffened
 
 UPRIGHT = 0.7  # least upward part of the torso's axis; below, a robot has fallen
 SETTLE = 0.5  # s at the first command before a log
@@ -49,12 +49,20 @@ class Errors(NamedTuple):
         return np.sqrt(self.squared.mean(0))
 
 
-def ticks(run: JointRun, period: float) -> tuple[np.ndarray, np.ndarray]:
-    """Even ticks [T] s of a run, and the command in force at each [T, J]."""
+def ticked(run: JointRun, period: float) -> JointRun:
+    """What was in force at even ticks of a run; time from 0."""
     stamps = run.time - run.time[0]
     even = np.arange(int(np.ceil(stamps[-1] / period - 1e-6)) + 1) * period
     held = np.searchsorted(stamps, even + 0.25 * period, side="right") - 1
-    return even, run.command[np.maximum(held, 0)]
+    return run.part(np.maximum(held, 0))._replace(time=even)
+
+
+def stretched(series: Sequence[np.ndarray], lead: int) -> np.ndarray:
+    """Series [T, J] as one array [N, lead + longest T, J], their ends held."""
+    longest = max(map(len, series))
+    return np.stack(
+        [np.pad(s, ((lead, longest - len(s)), (0, 0)), mode="edge") for s in series]
+    )
 
 
 def whole_log(
@@ -68,14 +76,11 @@ def whole_log(
     """
     period, follows = world.task.control_period, servoed(world.model)
     lead = round(SETTLE / period) if follows else 0
-    played = [ticks(run, period) for run in runs]
-    longest = max(len(even) for even, _ in played)
-    commands = np.stack(
-        [
-            np.pad(c, ((lead, longest - len(c)), (0, 0)), mode="edge")
-            for _, c in played
-        ]
-    )  # fmt: skip
+    played = [ticked(run, period) for run in runs]
+    commands, stiff = stretched([run.command for run in played], lead), None
+    if any(run.stiffness is not None for run in runs):
+        world = stiffened(world)
+        stiff = stretched([run.stiff for run in played], lead)
     every = stacked(values or [world.values] * len(runs))
     starts = commands[:, 0] if follows else np.stack([run.angle[0] for run in runs])
     qpos = np.stack([put_down(world.model, start) for start in starts])
@@ -83,15 +88,15 @@ def whole_log(
     if not follows:
         speeds = [_speed(run, slice(BACK), 0) for run in runs]
         qvel[:, slots(world.model).velocity] = np.stack(speeds)
-    angle = replay_many(world, every, commands, qpos, qvel)
+    angle = replay_many(world, every, commands, qpos, qvel, stiffness=stiff)
     out = []
-    for k, (run, (even, _)) in enumerate(zip(runs, played, strict=True)):
-        part = k, slice(lead, lead + len(even))
+    for k, (run, cut) in enumerate(zip(runs, played, strict=True)):
+        part = k, slice(lead, lead + len(cut.time))
         series = np.array(angle.reading.angle[part])
         if floats(world.model):
             series[fallen(np.asarray(angle.up[part]))] = np.nan
         stamps = run.time - run.time[0]
-        out.append(np.stack([np.interp(stamps, even, s) for s in series.T], -1))
+        out.append(np.stack([np.interp(stamps, cut.time, s) for s in series.T], -1))
     return out
 
 
@@ -109,6 +114,7 @@ class Windows(NamedTuple):
 
     command: np.ndarray
     angle: np.ndarray
+    stiffness: np.ndarray  # [B, W + T, J]
     velocity: np.ndarray  # [B, J] rad/s at the start
     block: np.ndarray
 
@@ -128,7 +134,8 @@ def windows(runs: list[JointRun], period: float) -> Windows | None:
             past = slice(first + warm - BACK, first + warm)
             slope = _speed(run, past, first + warm - 1)
             block = number * APART + int(run.time[first] / BLOCK)
-            rows.append((run.command[part], run.angle[part], slope, block))
+            series = run.command[part], run.angle[part], run.stiff[part]
+            rows.append((*series, slope, block))
     if not rows:
         return None
     return Windows(*(np.array(column) for column in zip(*rows, strict=True)))
@@ -146,6 +153,7 @@ def windowed(world: World, cut: Windows, period: float) -> np.ndarray:
     The joints start where the world's encoders report what was measured.
     """
     warm = round(WARM / period) + BACK
+    world = world if (cut.stiffness == 1.0).all() else stiffened(world)
     model, where, native = world.model, slots(world.model), Native(world)
     rows = native.behind(world.values, cut.angle[:, :warm].reshape(-1, model.nu))
     angles = rows.reshape(len(cut.angle), warm, -1)
@@ -159,7 +167,8 @@ def windowed(world: World, cut: Windows, period: float) -> np.ndarray:
     # Row t holds the angle when command t comes into force: command warm - 1 acts
     # from the start on.
     commands = cut.command[:, :-1]
-    return native.replay(world.values, commands, angles[:, :-1], qpos, qvel)
+    stiff = cut.stiffness[:, :-1]
+    return native.replay(world.values, commands, angles[:, :-1], qpos, qvel, stiff)
 
 
 def learned_windows(forward: Network, cut: Windows, period: float) -> np.ndarray:
@@ -199,15 +208,8 @@ def pieces(runs: list[JointRun]) -> list[JointRun]:
     for run in runs:
         count = max(2, round((run.time[-1] - run.time[0]) / PIECE))
         parts = np.array_split(np.arange(len(run.time)), count)
-        out += [rows_of(run, part) for part in parts]
+        out += [run.part(rows) for rows in parts]
     return out
-
-
-def rows_of(run: JointRun, part: np.ndarray) -> JointRun:
-    """A run's rows with these indices."""
-    return run._replace(
-        time=run.time[part], command=run.command[part], angle=run.angle[part]
-    )
 
 
 def learned_log(forward: Network, runs: list[JointRun]) -> list[np.ndarray]:

@@ -89,6 +89,13 @@ def check_commands(model: mujoco.MjModel, recording: Recording) -> None:
     Raises:
         ValueError: one line with what to change.
     """
+    stiff = {c: v for c, v in recording.columns.items() if c.startswith("stiffness.")}
+    changed = next((c for c, v in stiff.items() if (v != 1.0).any()), None)
+    if changed and floats(model):
+        raise ValueError(
+            f"{recording.name}: column {changed!r} is not 1 all the time; of a robot "
+            f"that stands gatjax takes the model's gains only: log it hanging"
+        )
     unit = recording.metadata.get("command_unit", ANGLE)
     if robot_model.servoed(model) == (unit == ANGLE):
         return

@@ -46,6 +46,25 @@ def _weakened(drive: Drive, share: Array) -> Drive:
     )
 
 
+def stiffness() -> Effect:
+    """Servos with the share of their gain that the log says; no params.
+
+    The gain of the firmware, or the stiffness of a NAO. Without power (0) there is no
+    back EMF either.
+    """
+
+    def change(params: Any, drive: Drive) -> Drive:
+        xp, servo = namespace_of(drive.angle, drive.stiffness), drive.servo
+        low, high = (
+            xp.where(drive.stiffness > 0.0, bound, 0.0)
+            for bound in (servo.low, servo.high)
+        )
+        servo = servo._replace(gain=drive.stiffness * servo.gain, low=low, high=high)
+        return drive._replace(servo=servo)
+
+    return memoryless(change)
+
+
 def stiction() -> Effect:
     """Friction near standstill; params: excess N m (0 is neutral), velocity rad/s.
 

@@ -11,6 +11,8 @@ ENGINE = {
     "stand": ("simulate the standing robot", 0.0, 0.1),
     "tolerances": ("fit tolerances", 0.1, 0.3),
     "causes": ("weigh causes", 0.3, 0.6),
+    "losses": ("look for lost commands", 0.3, 0.6),
+    "astray": ("weigh causes of joints that go astray", 0.3, 0.6),
     "floor": ("weigh causes of floor and feet", 0.6, 0.7),
     "extend": ("extend the model", 0.7, 0.72),
     "measure": ("measure on logs", 0.72, 1.0),

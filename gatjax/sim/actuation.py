@@ -55,8 +55,17 @@ class Actuation(NamedTuple):
         drive = drive._replace(torque=pull(drive))
         return State(motor, self.joint.init(values.joint, drive), drive.torque)
 
-    def apply(self, values: Values, state: State, signal: Signal) -> tuple[State, Push]:
-        """Play one physics step; `signal` holds the true angle and velocity."""
+    def apply(
+        self, values: Values, state: State, signal: Signal, stiffness: Array = 1.0
+    ) -> tuple[State, Push]:
+        """Play one physics step.
+
+        Args:
+            values: of the world.
+            state: memory.
+            signal: holds the true angle and velocity.
+            stiffness: [..., J] share of the servos' gain; needs a `stiffened` world.
+        """
         if self.plain:
             return state, Push(signal.target, None, None, None)
         true = signal.angle
@@ -67,7 +76,7 @@ class Actuation(NamedTuple):
         if not self.torques:
             return state._replace(motor=motor), Push(signal.target, None, None, None)
         signal = signal._replace(angle=true)
-        begin = self._drive(values, signal, state.torque)
+        begin = self._drive(values, signal, state.torque, stiffness)
         joint, drive = self.joint.apply(values.joint, state.joint, begin)
         plain, torque = pull(begin), pull(drive)
         control, servo = _control(begin, plain, torque), drive.servo
@@ -86,7 +95,9 @@ class Actuation(NamedTuple):
         xp = namespace_of(signal.target)
         return signal._replace(target=xp.clip(signal.target, self.low, self.high))
 
-    def _drive(self, values: Values, signal: Signal, torque: Array) -> Drive:
+    def _drive(
+        self, values: Values, signal: Signal, torque: Array, stiffness: Array = 1.0
+    ) -> Drive:
         return Drive(
             target=signal.target,
             angle=signal.angle,
@@ -94,6 +105,7 @@ class Actuation(NamedTuple):
             servo=values.servo,
             load=0.0 * signal.velocity,
             torque=torque,
+            stiffness=stiffness + 0.0 * signal.velocity,
         )
 
 

@@ -71,7 +71,7 @@ class Native:
         self._servos = actuation(world)
         self.begin = _cpu(self._begin_one, (None, 0, 0))
         self._tick = _cpu(self._tick_one, (None, 0, 0, 0, 0, None, 0, 0, 0, 0))
-        self._motor = _cpu(self._motor_one, (None, 0, 0, 0, 0))
+        self._motor = _cpu(self._motor_one, (None, 0, 0, 0, 0, 0))
         self._command = _cpu(self._command_one, (None, 0, 0, 0, 0))
         self._init = _cpu(self._init_one, (None, 0, 0))
         self._sense = _cpu(self._sense_one, (None, 0, 0, 0))
@@ -101,10 +101,11 @@ class Native:
         return control(loop, tick, plant)
 
     def _motor_one(
-        self, values: Values, state: State, target: Array, angle: Array, velocity: Array
-    ) -> tuple[State, Push]:
+        self, values: Values, state: State, target: Array, angle: Array,
+        velocity: Array, stiffness: Array,
+    ) -> tuple[State, Push]:  # fmt: skip
         signal = Signal(target, angle, velocity, jnp.zeros_like(target))
-        return self._servos.apply(values, state, signal)
+        return self._servos.apply(values, state, signal, stiffness)
 
     def _command_one(
         self, values: Values, state: Any, target: Array, angle: Array, velocity: Array
@@ -143,7 +144,7 @@ class Native:
 
     def _advance(
         self, physics: batch.Batch, motor: Callable, state: State, target: Array,
-        ids: Any,
+        ids: Any, stiffness: Array,
     ) -> State:  # fmt: skip
         """Play one control tick; `motor` is one step of the motor and joint effects."""
         if self._servos.plain:
@@ -156,7 +157,7 @@ class Native:
                 physics.qpos[:, self._where.position],
                 physics.qvel[:, dofs],
             )
-            state, push = motor(state, target, angle, velocity)
+            state, push = motor(state, target, angle, velocity, stiffness)
             physics.ctrl[:] = np.asarray(push.control)
             if push.load is not None:
                 physics.qfrc_applied[:, dofs] = np.asarray(push.load)
@@ -178,6 +179,7 @@ class Native:
         physics.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
         physics.qpos[:], physics.qvel[:] = begin.qpos, begin.qvel
         sensors = physics.bind("sensordata")
+        full = np.ones((len(rows), self.world.model.nu))
         for tick in range(self.world.task.ticks):
             loop, target, row = self._tick(
                 values, policies, noise_keys, begin.go, loop,
@@ -187,7 +189,7 @@ class Native:
             ids = np.flatnonzero(np.asarray(loop.score.alive))
             if len(ids) == 0:
                 break
-            motor = self._advance(physics, servos, motor, target, ids)
+            motor = self._advance(physics, servos, motor, target, ids, full)
         verdict = episode.verdict(self.world, loop)
         return jax.tree.map(lambda leaf: np.asarray(leaf)[:count], verdict)
 
@@ -220,8 +222,9 @@ class Native:
         )
 
     def replay(
-        self, values: Values, commands: Array, angles: Array, qpos: Array, qvel: Array
-    ) -> np.ndarray:
+        self, values: Values, commands: Array, angles: Array, qpos: Array, qvel: Array,
+        stiffness: Array | None = None,
+    ) -> np.ndarray:  # fmt: skip
         """Open-loop replay of windows; see `gatjax.sim.mjx.replay`.
 
         Args:
@@ -230,6 +233,7 @@ class Native:
             angles: [B, W, J] rad, recorded, for warming up the effects.
             qpos: [B, nq] physics state after the warm-up.
             qvel: [B, nv]
+            stiffness: [B, T, J] share of the servos' gains; in a `stiffened` world.
 
         Returns:
             Joint angles [B, T - W, J] after each tick as the encoders report them, rad.
@@ -240,6 +244,7 @@ class Native:
         servos = functools.partial(self._motor, values)
         state, motor = self._init(values, commands[:, 0], angles[:, 0])
         warm, played, sense = angles.shape[1], [], None
+        given = np.ones(np.shape(commands)) if stiffness is None else stiffness
         for index in range(commands.shape[1]):
             if index < warm:
                 angle, velocity = angles[:, index], 0.0 * angles[:, index]
@@ -254,9 +259,9 @@ class Native:
             )
             if index < warm:
                 for _ in range(0 if self._servos.plain else self.world.substeps):
-                    motor, _ = servos(motor, target, angle, velocity)
+                    motor, _ = servos(motor, target, angle, velocity, given[:, index])
                 continue
-            motor = self._advance(physics, servos, motor, target, None)
+            motor = self._advance(physics, servos, motor, target, None, given[:, index])
             angle = physics.qpos[:, self._where.position]
             sense, measured = self._sense(values, sense, motor, angle)
             played.append(np.asarray(measured))

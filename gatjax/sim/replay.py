@@ -35,6 +35,14 @@ class Plan(NamedTuple):
     command: Effect
 
 
+class Told(NamedTuple):
+    """What the servos are told in each row, [N, T, J]."""
+
+    command: Array  # rad
+    draw: Array  # unit normal
+    stiffness: Array
+
+
 def replay_many(
     world: World,
     values: Values,
@@ -42,6 +50,7 @@ def replay_many(
     qpos: Array,
     qvel: Array,
     noise: Array | None = None,
+    stiffness: Array | None = None,
 ) -> Played:
     """Play recorded commands from the first row on.
 
@@ -53,6 +62,7 @@ def replay_many(
         qvel: [N, nv] or [nv]
         noise: [N, T, J] unit draws of the command effects (`drive.loss`); zeros if
             left out. Sensors have no noise here.
+        stiffness: [N, T, J] share of the servos' gains; in a `stiffened` world.
 
     Returns:
         Rows [N, T] as in a recording: row t is measured when command t comes into
@@ -65,6 +75,8 @@ def replay_many(
         for each, rank in ((commands, 2), (qpos, 1), (qvel, 1))
     )
     draws = np.zeros_like(commands) if noise is None else np.asarray(noise)
+    stiff = np.ones_like(commands) if stiffness is None else np.asarray(stiffness)
+    told = Told(commands, draws, stiff)
     plan = Plan(world, find_slots(world.model), actuation(world), _command(world))
     physics = _physics(world, values, count)
     physics.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
@@ -73,7 +85,7 @@ def replay_many(
         physics.bind(name)
     play = _foreseen if world.foresees else _stepped
     with np.errstate(all="ignore"):  # a run that diverges is a row of NaN
-        rows, torque, seen = play(plan, values, physics, commands, draws)
+        rows, torque, seen = play(plan, values, physics, told)
         return _measured(plan, values, rows, torque, seen)
 
 
@@ -118,9 +130,10 @@ def _now(physics: batch.Batch) -> dict[str, np.ndarray]:
 
 
 def _stepped(
-    plan: Plan, values: Values, physics: batch.Batch, commands: Array, draws: Array
+    plan: Plan, values: Values, physics: batch.Batch, told: Told
 ) -> tuple[dict, Array, Array]:
     """Play step by step, for effects that look at the joints."""
+    commands = told.command
     where, servos = plan.where, plan.servos
     command, state = _first(plan, values, commands, physics)
     dofs, substeps = where.velocity, plan.world.substeps
@@ -140,13 +153,14 @@ def _stepped(
     physics.forward()
     for tick in range(commands.shape[1]):
         keep(state)
-        signal = Signal(commands[:, tick], seen[-1], qvel[:, dofs], draws[:, tick])
+        draw, stiff = told.draw[:, tick], told.stiffness[:, tick]
+        signal = Signal(commands[:, tick], seen[-1], qvel[:, dofs], draw)
         command, signal = plan.command.apply(values.command, command, signal)
         target = np.asarray(signal.target)
         for _ in range(substeps if tick + 1 < commands.shape[1] else 0):
             angle, velocity = qpos[:, where.position], qvel[:, dofs]
             signal = Signal(target, angle, velocity, 0.0 * target)
-            state, push = servos.apply(values, state, signal)
+            state, push = servos.apply(values, state, signal, stiff)
             ctrl[:] = push.control
             if friction is not None:
                 applied[:, dofs], friction[:, dofs] = push.load, push.friction
@@ -158,9 +172,10 @@ def _stepped(
 
 
 def _foreseen(
-    plan: Plan, values: Values, physics: batch.Batch, commands: Array, draws: Array
+    plan: Plan, values: Values, physics: batch.Batch, told: Told
 ) -> tuple[dict, Array, Array]:
     """Play many rows a call, for effects that do not look at the joints."""
+    commands = told.command
     command, state = _first(plan, values, commands, physics)
     substeps, still = plan.world.substeps, 0.0 * commands[:, 0]
     physics.ctrl[:] = commands[:, 0]
@@ -171,7 +186,7 @@ def _foreseen(
     for first in range(0, commands.shape[1] - 1, size):
         controls = []
         for tick in range(first, min(first + size, commands.shape[1] - 1)):
-            signal = Signal(commands[:, tick], still, still, draws[:, tick])
+            signal = Signal(commands[:, tick], still, still, told.draw[:, tick])
             command, signal = plan.command.apply(values.command, command, signal)
             for _ in range(substeps):
                 state, push = plan.servos.apply(values, state, signal)

@@ -18,6 +18,7 @@ from gatjax.effects import gear, sensor
 from gatjax.effects.catalogue import cause
 from gatjax.effects.cause import check_range, spread
 from gatjax.effects.effect import Effect, chain
+from gatjax.effects.joint import stiffness
 from gatjax.records import Reading
 from gatjax.robot import model as robot_model
 from gatjax.runs import write_json
@@ -233,6 +234,18 @@ def _refreshed(world: World, slots: set[str]) -> World:
     values = values._replace(body=fields)
     model = derived.solved(model, fields)
     return dataclasses.replace(world, model=model, joint=joint, values=values)
+
+
+def stiffened(world: World) -> World:
+    """Return the world for logs that say how stiff its servos were, row by row."""
+    servo = world.values.servo
+    if servo is None:
+        servo = derived.servo(world.model, world.values.body)
+    values = world.values._replace(
+        joint={"stiffness": (), **(world.values.joint or {})}, servo=servo
+    )
+    joints = {"stiffness": stiffness(), **world.joint}
+    return dataclasses.replace(world, joint=joints, values=values)
 
 
 def stacked(values: Sequence[Values]) -> Values:

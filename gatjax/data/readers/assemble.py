@@ -17,7 +17,7 @@ from gatjax.data.readers.drafts import drafted
 from gatjax.data.readers.source import Run, Source, Stream
 from gatjax.data.recording import Recording
 
-HELD = "command."  # signals that hold until the next stamp
+HELD = ("command.", "stiffness.")  # signals that hold until the next stamp
 NAMED = 4  # signals or runs that a note names
 Done = dict[str, dict[str, None]]  # what was done, to which signals or in which runs
 

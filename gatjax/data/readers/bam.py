@@ -11,7 +11,8 @@ import numpy as np
 from gatjax.data.readers.source import Source, Stream
 
 JOINT = "servo"
-DRAFT = {
+GAIN = "gain"  # signal: kp while the torque is on, else 0
+DRAFT: dict[str, dict[str, Any]] = {
     f"command.{JOINT}": {"from": "goal_position", "unit": "rad"},
     f"position.{JOINT}": {"from": "position", "unit": "rad"},
     f"velocity.{JOINT}": {"from": "speed", "unit": "rad/s"},
@@ -19,6 +20,8 @@ DRAFT = {
     "voltage": {"from": "input_volts", "unit": "V"},
 }
 FACTS = ("motor", "trajectory", "mass", "length", "arm_mass", "kp", "vin")
+USUAL = {"xl330": 400.0, "xl320": 32.0, "sts3215": 32.0, "sts3250": 32.0, "mx": 32.0}
+"""P gains that the servos have ex works, by the begin of their names (e-manuals)."""
 
 
 def is_bam(tree: Any) -> bool:
@@ -27,9 +30,9 @@ def is_bam(tree: Any) -> bool:
 
 
 def read(path: Path) -> Source:
-    """Read one log; rows after the torque was switched off are left out.
+    """Read one log.
 
-    What is commanded while the torque is off is no command.
+    What is commanded while the torque is off moves nothing: the gain is 0 there.
 
     Raises:
         ValueError: one line: another JSON, or no rows.
@@ -41,26 +44,36 @@ def read(path: Path) -> Source:
     if not is_bam(tree):
         raise ValueError(f"{path}: a BAM log has a list 'entries'; this has none")
     rows, notes = tree["entries"], []
-    on = [bool(row.get("torque_enable", True)) for row in rows]
-    if not all(on):
-        kept = on.index(False)
-        notes.append(
-            f"{path}: {len(rows) - kept} rows left out, from row {kept + 1} on the "
-            f"torque is off and the goal no command"
-        )
-        rows = rows[:kept]
     if len(rows) < 2:
-        raise ValueError(f"{path}: fewer than two rows with the torque on")
+        raise ValueError(f"{path}: fewer than two rows")
     time = _column(rows, "timestamp", path)
     run = {
         name: Stream(time, _column(rows, name, path))
         for name in rows[0]
         if name not in ("timestamp", "torque_enable")
     }
+    on = np.array([bool(row.get("torque_enable", True)) for row in rows])
+    if not on.all():
+        notes.append(
+            f"{path}: the torque is off in {int((~on).sum())} rows, the first of them "
+            f"row {int(np.argmin(on)) + 1}; the stiffness is 0 there"
+        )
     draft = {column: entry for column, entry in DRAFT.items() if entry["from"] in run}
+    if _number(tree.get("kp")) and tree["kp"] > 0:
+        run[GAIN] = Stream(time, float(tree["kp"]) * on)
+        usual = _usual(tree)
+        draft[f"stiffness.{JOINT}"] = {"from": GAIN, "scale": 1.0 / usual}
+        notes.append(f"{path}: a stiffness of 1 is a P gain of {usual:g}")
     facts = {name: tree[name] for name in FACTS if name in tree}
     metadata = {"robot": f"bam {tree.get('motor', '')}".strip(), "base": "fixed"}
     return Source(str(path), "BAM JSON", [run], draft, metadata | facts, notes)
+
+
+def _usual(tree: dict[str, Any]) -> float:
+    """P gain that counts as 1: the servo's usual one, or that of the log."""
+    motor = str(tree.get("motor", "")).lower().replace("-", "")
+    gains = (gain for name, gain in USUAL.items() if motor.startswith(name))
+    return next(gains, float(tree["kp"]))
 
 
 def _column(rows: list[dict[str, Any]], name: str, path: Path) -> np.ndarray:

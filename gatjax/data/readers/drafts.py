@@ -13,7 +13,7 @@ from gatjax.data.readers.source import Source
 HEAD = """\
 # Which signal of the log becomes which column of the recording: correct it, then
 # gatjax import LOG --map THIS_FILE --out recording.parquet
-# A value becomes (sign * raw + offset) in its unit, and then SI.
+# A value becomes (sign * scale * raw + offset) in its unit, and then SI.
 """
 EXAMPLE = (
     "command.JOINT: {from: SIGNAL, unit: rad, sign: 1, offset: 0}",
@@ -54,7 +54,8 @@ def _entry(column: str, said: dict[str, Any]) -> str:
     signal = _quoted(said.get("from", column))
     if column == "time":
         return f"{{unit: {_quoted(unit)}}}"
-    return f"{{from: {signal}, unit: {_quoted(unit)}, sign: 1, offset: 0}}"
+    scale = f", scale: {said['scale']:g}" if "scale" in said else ""
+    return f"{{from: {signal}, unit: {_quoted(unit)}, sign: 1{scale}, offset: 0}}"
 
 
 def _quoted(name: str) -> str:

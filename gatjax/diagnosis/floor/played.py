@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from gatjax.data.trajectories import JointRun
-from gatjax.diagnosis.measure import ticks
+from gatjax.diagnosis.measure import stretched, ticked
 from gatjax.records import Played
 from gatjax.sim.limbs import put_down
 from gatjax.sim.replay import replay_many
@@ -78,26 +78,27 @@ def replayed(
     """
     period = world.task.control_period
     lead = round(SETTLE / period)
-    cut = [ticks(run, period) for run in runs]
-    longest = max(len(even) for even, _ in cut)
+    cut = [ticked(run, period) for run in runs]
     count = len(values)
-    commands = np.stack(
-        [np.pad(c, ((lead, longest - len(c)), (0, 0)), mode="edge") for _, c in cut]
-    )
+    commands = stretched([run.command for run in cut], lead)
     start = np.stack([put_down(world.model, command[0]) for command in commands])
     start[:, 2] += LIFT
     commands = np.repeat(commands, count, axis=0)
     if shift is not None:
-        rows = shift[:, None] if shift.ndim == 2 else _lengthened(shift, lead, longest)
+        rows = (
+            shift[:, None]
+            if shift.ndim == 2
+            else _lengthened(shift, lead, max(len(run.time) for run in cut))
+        )
         commands = commands + np.tile(rows, (len(runs), 1, 1))
     played = replay_many(
         world, stacked(values * len(runs)), commands, np.repeat(start, count, axis=0),
         np.zeros(world.model.nv),
     )  # fmt: skip
     out = []
-    for k, (even, command) in enumerate(cut):
-        part = (slice(k * count, (k + 1) * count), slice(lead, lead + len(even)))
-        out.append(_rows(even, command, played, part))
+    for k, run in enumerate(cut):
+        part = (slice(k * count, (k + 1) * count), slice(lead, lead + len(run.time)))
+        out.append(_rows(run.time, run.command, played, part))
     return out
 
 

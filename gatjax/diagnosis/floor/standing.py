@@ -138,10 +138,9 @@ def upright(
         end = stamps[down][0] - BEFORE if down.any() else stamps[-1]
         kept = stamps <= end
         if end >= LEAST:
-            cut = run._replace(
-                time=run.time[kept], command=run.command[kept], angle=run.angle[kept]
+            left.append(
+                (run.part(kept), {name: each[kept] for name, each in logged.items()})
             )
-            left.append((cut, {name: each[kept] for name, each in logged.items()}))
     if not left:
         raise ValueError(
             f"the robot or its model falls within {LEAST:g} s in every log; log a "
