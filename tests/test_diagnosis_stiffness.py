@@ -132,3 +132,16 @@ def test_a_standing_robot_keeps_its_gains(tmp_path):
     model = nominal(Task(), path).model
     with pytest.raises(ValueError, match=r"'stiffness.a' is not 1 all the time"):
         check_commands(model, log(**{"stiffness.a": SHARE[:, 0]}))
+
+
+def test_the_same_commands_with_another_gain_are_no_repeat():
+    wave = np.sin(3.0 * TIME)
+    told = {"command.a": np.tile(wave, 2), "position.a": np.tile(0.9 * wave, 2)}
+    again = Recording("x.csv", np.tile(TIME, 2), np.repeat([0, 1], len(TIME)), told, {})
+    share = {"stiffness.a": np.repeat([1.0, 0.5], len(TIME))}
+    other = again._replace(columns=told | share)
+    repeats = [
+        [f for f in checks.findings(log, {}, "fit") if f.check == "repeats"]
+        for log in (again, other)
+    ]
+    assert len(repeats[0]) == 1 and not repeats[1]

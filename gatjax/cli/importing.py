@@ -61,7 +61,7 @@ def _read(verb: Import, given: ColumnMap | None) -> Recording:
     if given is None:
         _write_draft(verb.out.with_suffix(".map.yaml"), sources)
     made = [readers.assemble(each, given) for each in sources]
-    for note in (note for each in made for note in each.notes):
+    for note in dict.fromkeys(note for each in made for note in each.notes):
         print(f"note: {note}")
     recording = readers.joined([each.recording for each in made], str(verb.out))
     every = {column for each in made for column in each.recording.columns}

@@ -107,13 +107,14 @@ def check_repeats(
 
 
 def _same_commands(one: JointRun, other: JointRun) -> bool:
-    """Whether two trajectories were sent the same commands, but for jitter of time."""
+    """Whether two trajectories were told the same, but for jitter of time."""
     count = min(len(one.time), len(other.time))
     if count < 0.95 * max(len(one.time), len(other.time)):
         return False
     apart = np.sqrt(np.mean(np.square(one.command[:count] - other.command[:count])))
     moved = np.sqrt(np.mean(np.var(one.command[:count], axis=0)))
-    return bool(moved > 0.0 and apart < REPEATED * moved)
+    stiff = np.mean(np.abs(one.stiff[:count] - other.stiff[:count])) < REPEATED
+    return bool(moved > 0.0 and apart < REPEATED * moved and stiff)
 
 
 def _correlation(

@@ -63,7 +63,7 @@ def read(path: Path) -> Source:
         run[GAIN] = Stream(time, float(tree["kp"]) * on)
         usual = _usual(tree)
         draft[f"stiffness.{JOINT}"] = {"from": GAIN, "scale": 1.0 / usual}
-        notes.append(f"{path}: a stiffness of 1 is a P gain of {usual:g}")
+        notes.append(f"a stiffness of 1 is a P gain of {usual:g}")
     facts = {name: tree[name] for name in FACTS if name in tree}
     metadata = {"robot": f"bam {tree.get('motor', '')}".strip(), "base": "fixed"}
     return Source(str(path), "BAM JSON", [run], draft, metadata | facts, notes)
