@@ -7,9 +7,13 @@ from gatjax.cli import main
 from gatjax.cli.arguments import parse
 from gatjax.cli.diagnosis import read_logs
 from gatjax.data.mapping import column_map, resolve, to_si
+from gatjax.data.readers.assemble import joined
 from gatjax.data.recording import Recording, read_recording, write_recording
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import measure
+from gatjax.diagnosis.case import held, unfitted
+from gatjax.diagnosis.diagnose import Logs, given
+from gatjax.sim.limbs import limbs_of
 from gatjax.sim.world import add_cause, nominal
 from gatjax.task import Task
 
@@ -84,6 +88,37 @@ def test_what_only_a_servo_has_is_refused(world, cause, values):
         add_cause(world, cause, ["a"], values)
 
 
+def test_a_step_of_the_command_is_no_ramp(tmp_path):
+    """The simulation of one joint knows no limit of a torque's or voltage's rate."""
+    text = ARM.format(first=MOTOR.format("a"), second="")
+    path = tmp_path / "one.xml"
+    path.write_text(text.replace('<joint name="b" axis="0 1 0" armature="0.01"/>', ""))
+    one = nominal(Task(control_period=PERIOD), path, 5e-4)
+    volts = 6.0 * np.sign(np.sin(2.5 * TIME + 0.1))[:, None]
+    run = JointRun(0, TIME, volts, 0.0 * volts)
+    run = run._replace(angle=measure.whole_log(one, [run])[0])
+    joint = unfitted(held(one.model, [run], 0), [run]).joints[0]
+    left = joint.residual([{"delay": 0.0}], False)
+    assert np.ptp(run.angle) > 1.0
+    assert np.sqrt(np.mean(left**2)) < 2e-3
+
+
+def test_a_whole_log_starts_where_the_encoder_says_what_was_measured(world):
+    askew = add_cause(world, "encoder_offset", ["a"], {"offset": 0.2})
+    run = swung()
+    run = run._replace(angle=measure.whole_log(askew, [run])[0])
+    again = measure.whole_log(askew, [run])[0]
+    assert np.max(np.abs(again - run.angle)) < 0.02
+
+
+def test_a_motor_without_a_limit_that_nothing_tells_moves(tmp_path):
+    run = JointRun(0, TIME, np.zeros((250, 2)), np.zeros((250, 2)))
+    model = nominal(Task(control_period=PERIOD), arm(tmp_path)).model
+    joints = unfitted(held(model, [run], 0), [run]).joints
+    assert all(joint.nominal["limit"] > 0.0 for joint in joints)
+    assert np.isfinite(joints[0].residual([{}], False)).all()
+
+
 def write(path, **about):
     run = swung()
     columns = {
@@ -112,15 +147,43 @@ def test_a_log_and_a_model_have_to_agree(tmp_path, capsys, drives, about, text):
     assert text in capsys.readouterr().err
 
 
+def test_files_of_two_units_are_not_mixed(tmp_path, capsys):
+    logs = [write(tmp_path / f"{u[0]}.parquet", command_unit=u) for u in ("V", "N m")]
+    words = ["--model", str(arm(tmp_path)), "--data", *logs, "--out", "o"]
+    assert main(["diagnose", *words]) == 1
+    assert "diagnose files of one unit together" in capsys.readouterr().err
+    parts = [read_recording(log) for log in logs]
+    with pytest.raises(ValueError, match="import logs of one unit together"):
+        joined(parts, "both")
+
+
+def test_no_motion_is_made_for_motors(world):
+    with pytest.raises(ValueError, match="motions need position servos"):
+        limbs_of(world.model)
+
+
+def test_commands_beyond_the_range_of_a_motor_are_taken_as_the_motor_takes_them(
+    tmp_path,
+):
+    motor = MOTOR.replace("/>", ' ctrllimited="true" ctrlrange="-0.1 0.1"/>')
+    log = read_recording(write(tmp_path / "x.parquet", command_unit="V"))
+    case = given(str(arm(tmp_path, motor, motor)), Logs([log], []), 0)
+    assert np.abs(case.logs[0].command).max() == pytest.approx(0.1)
+
+
 def test_a_map_says_that_commands_are_no_angles(tmp_path):
     tree = {"columns": {"command.a": {"from": "u", "unit": "mV"}}}
     mapping = column_map(tree, "x.yaml")
     assert mapping.metadata == {"command_unit": "V"}
     entry = resolve(mapping, ["u"], "log")["command.a"]
     assert to_si(entry, np.array([250.0])) == pytest.approx([0.25])
-    tree["columns"]["command.b"] = {"from": "w", "unit": "N cm"}
-    with pytest.raises(ValueError, match="torque and voltage; those of one"):
-        column_map(tree, "x.yaml")
+    for entry, kind in (({"unit": "N cm"}, "torque"), ("w", "angle")):
+        tree["columns"]["command.b"] = entry
+        with pytest.raises(ValueError, match=f"{kind} and voltage; those of one"):
+            column_map(tree, "x.yaml")
+    del tree["columns"]["command.b"]
+    with pytest.raises(ValueError, match="command_unit is rad, but the commands' unit"):
+        column_map(tree | {"metadata": {"command_unit": "rad"}}, "x.yaml")
 
 
 def test_another_unit_of_commands_is_refused(tmp_path):

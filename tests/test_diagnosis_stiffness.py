@@ -69,6 +69,17 @@ def test_effects_act_on_what_is_left_of_the_gain(tmp_path):
     assert angle == pytest.approx(played(world(tmp_path, 5.0)).angle, abs=3e-3)
 
 
+def test_a_gear_stays_a_gear_without_power(tmp_path):
+    """Its teeth are as hard as with power: the reading is that of motor and link."""
+    path = tmp_path / "limited.xml"
+    text = MODEL.format(kp=20).replace('kv="0.6"', 'kv="0.6" forcerange="-5 5"')
+    path.write_text(text)
+    one = nominal(Task(control_period=PERIOD), path)
+    tight = add_cause(one, "backlash", ["a"], {"width": 0.004})
+    apart = played(tight, SHARE).angle - played(one, SHARE).angle
+    assert np.abs(apart).max() < 0.05
+
+
 def test_half_a_second_ahead_with_the_gain_of_each_row(tmp_path):
     one = world(tmp_path)
     run = played(one, SHARE)
@@ -96,7 +107,7 @@ def log(**columns):
     return Recording("x.csv", TIME, np.zeros(len(TIME), int), table, {})
 
 
-def test_a_run_carries_the_share_and_its_parts_do(tmp_path):
+def test_a_run_carries_the_share_and_its_parts_do():
     run = to_arrays(log(**{"stiffness.a": SHARE[:, 0]}), ["a"])[0]
     assert run.part(np.arange(150, 250)).stiff[:, 0] == pytest.approx(SHARE[150:250, 0])
     plain = to_arrays(log(), ["a"])[0]
@@ -108,9 +119,11 @@ def test_a_share_below_zero_is_refused():
         check_recording(
             log(**{"stiffness.a": np.where(SHARE[:, 0] > 0, 1.0, -1.0)}), ["a"]
         )
+    with pytest.raises(ValueError, match=r"row 1, .*: 100 is no share of a gain"):
+        check_recording(log(**{"stiffness.a": 100.0 * SHARE[:, 0]}), ["a"])
 
 
-def test_a_joint_without_power_need_not_follow(tmp_path):
+def test_a_joint_without_power_need_not_follow():
     moved = 0.5 * np.sin(4.0 * TIME)
     off = {"stiffness.a": np.where(TIME < 0.1, 1.0, 0.0)}
     told = np.where(TIME < 0.1, moved, -moved)  # the opposite, without power

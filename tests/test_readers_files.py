@@ -121,6 +121,21 @@ def test_the_gain_of_a_servo_is_its_stiffness_and_none_without_torque(bam):
     assert "scale: 0.0025" in drafts.text([source])
 
 
+def test_a_log_without_a_gain_knows_at_least_when_the_torque_was_off(bam):
+    path = bam([entry(0.01 * k, on=k < 70) for k in range(100)])
+    tree = json.loads(path.read_text())
+    path.write_text(json.dumps({k: v for k, v in tree.items() if k != "kp"}))
+    stiff = readers.assemble(read(path)).recording.columns["stiffness.servo"]
+    assert (stiff[:70] == 1.0).all() and not stiff[70:].any()
+
+
+def test_logs_with_and_without_known_gains_are_not_mixed(bam):
+    made = readers.assemble(read(bam([entry(0.01 * k) for k in range(9)]))).recording
+    bare = {k: v for k, v in made.columns.items() if k != "stiffness.servo"}
+    with pytest.raises(ValueError, match=r"has stiffness\.servo, which not all"):
+        readers.joined([made, made._replace(columns=bare)], "both")
+
+
 def test_a_number_that_is_missing_is_told_with_its_row(bam):
     rows = [entry(0.01 * k) for k in range(5)]
     rows[3]["position"] = None

@@ -157,6 +157,12 @@ def column_map(tree: Any, name: str) -> ColumnMap:
     if not isinstance(drop, list) or not all(isinstance(item, str) for item in drop):
         raise ValueError(f"{name}: 'drop' must be a list of column names or patterns")
     told = _command_unit(columns, name)
+    stated = metadata.get("command_unit", told.get("command_unit"))
+    if told and stated != told["command_unit"]:
+        raise ValueError(
+            f"{name}: metadata command_unit is {stated}, but the commands' unit "
+            f"becomes {told['command_unit']}; mend one of the two"
+        )
     return ColumnMap(
         name=name,
         entries={
@@ -170,12 +176,12 @@ def column_map(tree: Any, name: str) -> ColumnMap:
 
 def _command_unit(columns: dict[Any, Any], name: str) -> dict[str, str]:
     """Metadata `command_unit` if commands are torques or voltages."""
-    kinds = {
-        next((kind for kind in COMMANDED if entry["unit"] in UNITS[kind]), "angle")
+    units = [
+        entry.get("unit", "rad") if isinstance(entry, dict) else "rad"
         for column, entry in columns.items()
-        if str(column).startswith("command.") and isinstance(entry, dict)
-        if isinstance(entry.get("unit"), str)
-    }
+        if str(column).startswith("command.")
+    ]
+    kinds = {kind for unit in units for kind in COMMANDED if unit in UNITS[kind]}
     if len(kinds) > 1:
         raise ValueError(
             f"{name}: commands are {' and '.join(sorted(kinds))}; those of one "

@@ -33,6 +33,7 @@ from gatjax.runs import read_json, write_whole
 
 LARGEST_ANGLE = 6.4  # rad, just over a full turn: no position servo goes there
 ANGLE = "rad"
+STIFFEST = 20.0  # times the model's kp
 COMMAND_UNITS = (ANGLE, "N m", "V")  # of commands; metadata `command_unit`
 DEGREES_SHARE = 0.05  # of the rows; fewer are glitches, not a unit
 GROUP = 1 << 16  # rows of a Parquet file that are written together
@@ -182,13 +183,14 @@ def _check_pairs(recording: Recording) -> None:
 
 
 def _check_numbers(recording: Recording) -> None:
-    """Refuses values that are missing or infinite, and negative stiffness."""
+    """Refuses values that are missing or infinite, and shares that are none."""
     for column, values in recording.columns.items():
-        low = np.flatnonzero(values < 0.0)
-        if column.startswith("stiffness.") and low.size:
+        bad = np.flatnonzero((values < 0.0) | (values > STIFFEST))
+        if column.startswith("stiffness.") and bad.size:
             raise ValueError(
-                f"{_cell(recording.name, low[0], column)}: {values[low[0]]:g} is no "
-                f"share of a gain; it is 0 without power, 1 at the model's kp"
+                f"{_cell(recording.name, bad[0], column)}: {values[bad[0]]:g} is no "
+                f"share of a gain: 0 is without power, 1 the model's kp; use a map "
+                f"with scale (0.01 for percent)"
             )
     for column, values in {"time": recording.time, **recording.columns}.items():
         bad = np.flatnonzero(~np.isfinite(values))

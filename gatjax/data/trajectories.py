@@ -98,7 +98,8 @@ def to_arrays(recording: Recording, joints: Sequence[str]) -> list[JointRun]:
     full, stiff = np.ones(len(recording.time)), None
     if any(f"stiffness.{joint}" in recording.columns for joint in joints):
         told = [recording.columns.get(f"stiffness.{joint}", full) for joint in joints]
-        stiff = np.stack(told, axis=-1)
+        told = np.stack(told, axis=-1)
+        stiff = told if (told != 1.0).any() else None
     return [
         JointRun(int(run), recording.time, command, angle, stiff).part(
             recording.trajectory == run

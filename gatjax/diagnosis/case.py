@@ -80,7 +80,7 @@ def held(
     model: mujoco.MjModel, runs: list[JointRun], seed: int,
     allowed: Tolerances = USUAL,
 ) -> Held:  # fmt: skip
-    """A robot with position servos on hinge or slide joints, its base fixed."""
+    """A robot with servos or motors on hinges, its base fixed."""
     draw = np.random.default_rng(seed)
     others = [weights.perturbed(model, allowed, draw) for _ in range(weights.DRAWS)]
     tree = weights.Tree(model, model.actuator_trnid[:, 0])

@@ -94,9 +94,20 @@ def given(source: str, files: Logs, seed: int) -> Given:
     """Load the model, and cut recordings into runs of its joints."""
     model = robot_model.load(source)
     joints = robot_model.joint_names(model)
-    logs, unseen = cut(files.fit, joints), cut(files.held, joints)
+    logs, unseen = (
+        [_limited(model, run) for run in cut(some, joints)] for some in files[:2]
+    )
     period = control_period(logs)
     return Given(source, model, joints, files, logs, unseen, period, seed)
+
+
+def _limited(model: mujoco.MjModel, run: JointRun) -> JointRun:
+    """A run with its commands as motors take them: within their ranges."""
+    if robot_model.servoed(model):
+        return run
+    free = model.actuator_ctrllimited == 0
+    low, high = np.where(free[:, None], [-np.inf, np.inf], model.actuator_ctrlrange).T
+    return run._replace(command=np.clip(run.command, low, high))
 
 
 def diagnose(
@@ -133,7 +144,8 @@ def diagnose(
         for part, runs, angles in zip(
             files[:2], (data.logs, data.unseen), pairs["nominal"], strict=True
         ):
-            check_replay(source, part, runs, angles)
+            servos = robot_model.servoed(data.model)
+            check_replay(source, part, runs, angles, servos)
     verdict = conclude(_judge(data, tell, allowed))
     tell("extend", 0.0)
     if data.floating:  # what it logged upright

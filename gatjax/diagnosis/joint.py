@@ -25,7 +25,7 @@ GRAVITY = ("gravity_x", "gravity_y", "gravity_z")  # in `nominal`, m/s^2
 UNLIMITED = 1e5  # N m: a limit of that size is none
 GIVE = 3e-4  # rad, that dry friction yields before it slips
 OBSERVED = 10.0  # 1/s, how fast a joint without a servo is drawn to its measured motion
-CAUGHT = 0.5  # s until that has made up for its start
+CAUGHT = 1.0  # s until that has made up for its start at rest; half of a run at most
 
 
 class Link(NamedTuple):
@@ -132,17 +132,23 @@ def nominal_drive(model: mujoco.MjModel, tree: weights.Tree, index: int) -> dict
         "damping": float(np.square(moves) @ model.dof_damping),
         "friction": float(np.abs(moves) @ model.dof_frictionloss),
         "armature": float(np.square(moves) @ model.dof_armature),
-        "delay": TRANSPORT, "creep": CREEP, "give": GIVE, "rate": 1e3,
-        "speed": 1e6, "scale": 1.0,
+        "delay": TRANSPORT, "creep": CREEP, "give": GIVE,
+        "rate": 1e3 if servoed else 1e9, "speed": 1e6, "scale": 1.0,
         "cooling": 20.0, "stiffness": 1e3,
     }  # fmt: skip
 
 
-def _asked(runs: list[JointRun], index: int, drive: dict[str, float]) -> float:
+def _asked(
+    runs: list[JointRun], moved: list[motions.Motion], index: int,
+    drive: dict[str, float],
+) -> float:  # fmt: skip
     """A torque, N m, that no drive without a limit would have reached in some runs."""
-    hold = drive["hold"]
-    far = [np.abs(run.command - hold * run.angle)[:, index].max() for run in runs]
-    return 1.5 * drive["kp"] * float(max(far))
+    error = [run.stiff * (run.command - drive["hold"] * run.angle) for run in runs]
+    most = drive["kp"] * max(float(np.abs(e[:, index]).max()) for e in error)
+    if not drive["hold"]:
+        fastest = max(float(np.abs(m.velocity[:, index]).max()) for m in moved)
+        most = max(most + drive["kv"] * fastest, drive["kp"])  # one unit at least
+    return 1.5 * most
 
 
 def supply_load(
@@ -204,14 +210,15 @@ def build(
     for index, name in enumerate(names):
         drive = nominal_drive(model, tree, index)
         if drive["limit"] >= UNLIMITED:
-            drive["limit"] = _asked(runs, index, drive)
+            drive["limit"] = _asked(runs, moved, index, drive)
         grid = grids(index, drive["armature"])
         seen = np.stack([_padded(run.angle[:, index], rows) for run in runs])
         valid = np.zeros(seen.shape, bool)
         for row, run in zip(valid, runs, strict=True):
             row[: len(run.time)] = _free(model, run, index)
             if not drive["hold"]:
-                row[: len(run.time)] &= run.time - run.time[0] > CAUGHT
+                lasts = run.time - run.time[0]
+                row[: len(run.time)] &= lasts > min(CAUGHT, 0.5 * lasts[-1])
         body = tree.body[index]
         mass, centre = float(model.body_mass[body]), model.body_ipos[body].copy()
         link = Link(mass, centre, tree.axis[index])

@@ -25,7 +25,7 @@ from gatjax.diagnosis.claims import (
 )
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined, pinned
-from gatjax.diagnosis.joint import Joint
+from gatjax.diagnosis.joint import OBSERVED, Joint
 from gatjax.diagnosis.known import ASTRAY, Known, astray
 
 NOISY = 1.7  # times the noise that the best cause leaves: commands may be lost
@@ -78,7 +78,7 @@ class Judge(Known):
         return []
 
     def _bearing(self, index: int, claim: Claim) -> Joint:
-        """A joint of the case as a claim sees it, not drawn to what was measured."""
+        """A joint of the case as a claim sees it, drawn no more than it has to be."""
         joint = self.case.joints[index]
         if claim.body is not None:
             joint = self.case.carrying(index, claim.body)
@@ -111,7 +111,8 @@ class Judge(Known):
         noise = self.joints[index].noise
         limit = astray(best) if known > ASTRAY * noise else ASTRAY
         missed = best.rms() > max(limit * noise, STRAYING * known)
-        return missed and self.case.pulled.get(index, 0.0) < rate
+        drawn = 0.0 if self.joints[index].servoed else OBSERVED
+        return missed and self.case.pulled.get(index, drawn) < rate
 
     def _best(self, index: int) -> Fit:
         """The best explanation of a joint."""

@@ -82,12 +82,12 @@ def whole_log(
         world = stiffened(world)
         stiff = stretched([run.stiff for run in played], lead)
     every = stacked(values or [world.values] * len(runs))
-    starts = commands[:, 0] if follows else np.stack([run.angle[0] for run in runs])
-    qpos = np.stack([put_down(world.model, start) for start in starts])
+    qpos = np.stack([put_down(world.model, command[0]) for command in commands])
     qvel = np.zeros((len(runs), world.model.nv))
     if not follows:
-        speeds = [_speed(run, slice(BACK), 0) for run in runs]
-        qvel[:, slots(world.model).velocity] = np.stack(speeds)
+        angles = np.stack([run.angle[0] for run in runs])
+        speeds = np.stack([_speed(run, slice(BACK), 0) for run in runs])
+        qpos, qvel = _started(world, Native(world), angles, speeds)
     angle = replay_many(world, every, commands, qpos, qvel, stiffness=stiff)
     out = []
     for k, (run, cut) in enumerate(zip(runs, played, strict=True)):
@@ -147,6 +147,21 @@ def _speed(run: JointRun, rows: slice, at: int) -> np.ndarray:
     return np.polyfit(time, run.angle[rows], 2)[1]
 
 
+def _started(
+    world: World, native: Native, angle: np.ndarray, speed: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Physics states [B, nq], [B, nv] in which encoders report angles and speeds."""
+    model = world.model
+    now = native.behind(world.values, angle)
+    later = native.behind(world.values, angle + BRIEF * speed)
+    qpos = np.stack([put_down(model, each) for each in now])
+    qvel = np.zeros((len(qpos), model.nv))
+    qvel[:, slots(model).velocity] = (later - now) / BRIEF
+    follower, follows = coupled_speed(model, qpos, qvel)
+    qvel[:, follower] = follows
+    return qpos, qvel
+
+
 def windowed(world: World, cut: Windows, period: float) -> np.ndarray:
     """Predictions [B, T, J] rad of windows, each from its measured start.
 
@@ -154,16 +169,10 @@ def windowed(world: World, cut: Windows, period: float) -> np.ndarray:
     """
     warm = round(WARM / period) + BACK
     world = world if (cut.stiffness == 1.0).all() else stiffened(world)
-    model, where, native = world.model, slots(world.model), Native(world)
-    rows = native.behind(world.values, cut.angle[:, :warm].reshape(-1, model.nu))
+    native, count = Native(world), world.model.nu
+    rows = native.behind(world.values, cut.angle[:, :warm].reshape(-1, count))
     angles = rows.reshape(len(cut.angle), warm, -1)
-    later = native.behind(world.values, cut.angle[:, warm - 1] + BRIEF * cut.velocity)
-    start = angles[:, -1]
-    qpos = np.stack([put_down(world.model, angle) for angle in start])
-    qvel = np.zeros((len(qpos), model.nv))
-    qvel[:, where.velocity] = (later - start) / BRIEF
-    follower, follows = coupled_speed(model, qpos, qvel)
-    qvel[:, follower] = follows
+    qpos, qvel = _started(world, native, cut.angle[:, warm - 1], cut.velocity)
     # Row t holds the angle when command t comes into force: command warm - 1 acts
     # from the start on.
     commands = cut.command[:, :-1]
@@ -218,7 +227,8 @@ def learned_log(forward: Network, runs: list[JointRun]) -> list[np.ndarray]:
     for run in runs:
         warm = HISTORY + 1
         rolled = _rolled(forward, run.angle[None, :warm], run.command[None], warm)
-        out.append(np.concatenate([run.angle[:warm], np.clip(rolled[0], -10.0, 10.0)]))
+        ends = run.angle.min(0) - 10.0, run.angle.max(0) + 10.0
+        out.append(np.concatenate([run.angle[:warm], np.clip(rolled[0], *ends)]))
     return out
 
 

@@ -100,10 +100,12 @@ def _series(
         start += len(rest)
         found = smoothed(run, np.interp(time, time[valid], rest)[:, None], time)
         inertia = np.interp(time, motion.time, load.nominal.inertia[:, joint.index])
-        damping, spring = drive["kv"] + drive["damping"], drive["kp"]
+        stiff = run.stiff[:, joint.index]
+        damping = drive["kv"] * (stiff > 0.0) + drive["damping"]
+        spring = drive["kp"] * stiff
         if not joint.servoed:  # what draws it to the measured motion is its servo
+            spring = inertia * drive["steer"] + damping * drive["pull"]
             damping = damping + inertia * drive["pull"]
-            spring = inertia * drive["steer"]
         torque.append(
             inertia * found.acceleration[:, 0]
             + damping * found.velocity[:, 0]

@@ -54,12 +54,10 @@ def stiffness() -> Effect:
     """
 
     def change(params: Any, drive: Drive) -> Drive:
-        xp, servo = namespace_of(drive.angle, drive.stiffness), drive.servo
-        low, high = (
-            xp.where(drive.stiffness > 0.0, bound, 0.0)
-            for bound in (servo.low, servo.high)
+        servo, on = drive.servo, drive.stiffness > 0.0
+        servo = servo._replace(
+            gain=drive.stiffness * servo.gain, damping=on * servo.damping
         )
-        servo = servo._replace(gain=drive.stiffness * servo.gain, low=low, high=high)
         return drive._replace(servo=servo)
 
     return memoryless(change)

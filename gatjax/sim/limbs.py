@@ -9,7 +9,7 @@ from gatjax import task as tasks
 from gatjax.motions import Limbs
 from gatjax.records import JOINTS
 from gatjax.robot import nao
-from gatjax.robot.model import joint_names, slots
+from gatjax.robot.model import joint_names, servoed, slots
 from gatjax.sim.episode import coupled
 from gatjax.walk.parameters import THETA0
 
@@ -55,7 +55,14 @@ def limbs_of(model: mujoco.MjModel) -> Limbs:
     model's first keyframe, or its zero. The top speed of a NAO's motors is known; of
     others it is taken to be where the largest torque goes into damping, and at most
     10 rad/s.
+
+    Raises:
+        ValueError: one line: motors do not follow angles.
     """
+    if not servoed(model):
+        raise ValueError(
+            "the model has motors that follow no angles; motions need position servos"
+        )
     names, place = joint_names(model), slots(model)
     ids = model.actuator_trnid[:, 0]
     low, high = np.where(

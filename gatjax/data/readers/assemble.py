@@ -15,7 +15,7 @@ import numpy as np
 from gatjax.data.mapping import ColumnMap, Entry, quantity_of, resolve, to_si
 from gatjax.data.readers.drafts import drafted
 from gatjax.data.readers.source import Run, Source, Stream
-from gatjax.data.recording import Recording
+from gatjax.data.recording import ANGLE, Recording
 
 HELD = ("command.", "stiffness.")  # signals that hold until the next stamp
 NAMED = 4  # signals or runs that a note names
@@ -91,6 +91,7 @@ def joined(parts: list[Recording], name: str) -> Recording:
             f"{', '.join(each.name for each in parts)}: no joint is in all of these "
             f"logs; import logs of one robot together"
         )
+    _check_alike(parts, shared)
     ids, first = [], 0
     for each in parts:
         _, index = np.unique(each.trajectory, return_inverse=True)
@@ -103,6 +104,21 @@ def joined(parts: list[Recording], name: str) -> Recording:
         columns={c: np.concatenate([e.columns[c] for e in parts]) for c in shared},
         metadata=parts[0].metadata,
     )
+
+
+def _check_alike(parts: list[Recording], shared: list[str]) -> None:
+    """Refuse logs whose commands mean different things."""
+    units = {each.metadata.get("command_unit", ANGLE): each.name for each in parts}
+    if len(units) > 1:
+        told = ", ".join(f"{unit} in {name}" for unit, name in units.items())
+        raise ValueError(f"commands are in {told}; import logs of one unit together")
+    for each in parts:
+        own = {c for c in each.columns if c.startswith("stiffness.")} - set(shared)
+        if own:
+            raise ValueError(
+                f"{each.name} has {min(own)}, which not all of these logs have; import "
+                f"logs with known gains by themselves, or drop the column"
+            )
 
 
 def _entries(mapping: ColumnMap, names: Sequence[str], file: str) -> dict[str, Entry]:

@@ -20,8 +20,8 @@ DRAFT: dict[str, dict[str, Any]] = {
     "voltage": {"from": "input_volts", "unit": "V"},
 }
 FACTS = ("motor", "trajectory", "mass", "length", "arm_mass", "kp", "vin")
-USUAL = {"xl330": 400.0, "xl320": 32.0, "sts3215": 32.0, "sts3250": 32.0, "mx": 32.0}
-"""P gains that the servos have ex works, by the begin of their names (e-manuals)."""
+USUAL = {"xl330": 400.0, "xm": 800.0}
+"""P gains ex works that are not 32, by the begin of a servo's name (e-manuals)."""
 
 
 def is_bam(tree: Any) -> bool:
@@ -59,21 +59,21 @@ def read(path: Path) -> Source:
             f"row {int(np.argmin(on)) + 1}; the stiffness is 0 there"
         )
     draft = {column: entry for column, entry in DRAFT.items() if entry["from"] in run}
-    if _number(tree.get("kp")) and tree["kp"] > 0:
-        run[GAIN] = Stream(time, float(tree["kp"]) * on)
-        usual = _usual(tree)
-        draft[f"stiffness.{JOINT}"] = {"from": GAIN, "scale": 1.0 / usual}
-        notes.append(f"a stiffness of 1 is a P gain of {usual:g}")
+    usual = _usual(tree)
+    gain = tree["kp"] if _number(tree.get("kp")) else usual
+    run[GAIN] = Stream(time, float(gain) * on)
+    draft[f"stiffness.{JOINT}"] = {"from": GAIN, "scale": 1.0 / usual}
+    notes.append(f"a stiffness of 1 is a P gain of {usual:g}")
     facts = {name: tree[name] for name in FACTS if name in tree}
     metadata = {"robot": f"bam {tree.get('motor', '')}".strip(), "base": "fixed"}
     return Source(str(path), "BAM JSON", [run], draft, metadata | facts, notes)
 
 
 def _usual(tree: dict[str, Any]) -> float:
-    """P gain that counts as 1: the servo's usual one, or that of the log."""
+    """P gain that counts as 1: the usual one of the servo; 32 if it is unknown."""
     motor = str(tree.get("motor", "")).lower().replace("-", "")
     gains = (gain for name, gain in USUAL.items() if motor.startswith(name))
-    return next(gains, float(tree["kp"]))
+    return next(gains, 32.0)
 
 
 def _column(rows: list[dict[str, Any]], name: str, path: Path) -> np.ndarray:
