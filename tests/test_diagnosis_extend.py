@@ -182,11 +182,11 @@ def test_a_worn_sole_is_written_whatever_its_shape(tmp_path: Path, foot: str) ->
 
 STRONG = {
     "limit": 9e5, "kp": 1e5, "kv": 1e4, "damping": 500.0, "friction": 200.0,
-    "armature": 50.0,
+    "armature": 50.0, "hold": 1.0,
 }  # fmt: skip
 WEAK = {
     "limit": 0.01, "kp": 0.02, "kv": 1e-4, "damping": 1e-4, "friction": 1e-3,
-    "armature": 1e-6,
+    "armature": 1e-6, "hold": 1.0,
 }  # fmt: skip
 
 
