@@ -116,15 +116,18 @@ def test_a_simulation_that_gave_up_is_told_from_one_at_rest() -> None:
     command = 0.3 * np.sin(time)[:, None]
     moving = JointRun(0, time, command, command)
     stuck = np.where(time < 1.5, command.T, 0.2).T
-    check_replay("arm.xml", [log], [moving], [command])
+    check_replay("arm.xml", [log], [moving], [command], True)
     with pytest.raises(ValueError, match=r"1\.50 s into trajectory 0 of fit"):
-        check_replay("arm.xml", [log], [moving], [stuck])
+        check_replay("arm.xml", [log], [moving], [stuck], True)
     resting = moving._replace(command=np.where(time < 1.5, command.T, 0.3).T)
-    check_replay("arm.xml", [log], [resting], [stuck])
+    check_replay("arm.xml", [log], [resting], [stuck], True)
     broken = command.copy()
     broken[70] = np.nan
     with pytest.raises(ValueError, match=r"0\.70 s into"):
-        check_replay("arm.xml", [log], [moving], [broken])
+        check_replay("arm.xml", [log], [moving], [broken], True)
+    check_replay("wheel.xml", [log], [moving], [command + 300.0], False)
+    with pytest.raises(ValueError, match="falls apart"):
+        check_replay("wheel.xml", [log], [moving], [broken], False)
 
 
 @pytest.mark.parametrize(
