@@ -15,7 +15,12 @@ from gatjax.cli.found import fallback_lines, gain_lines, named_lines, next_lines
 from gatjax.cli.progress import shown
 from gatjax.data import checks, sampling
 from gatjax.data.mapping import ColumnMap, read_map
-from gatjax.data.recording import ANGLE, Recording, check_recording, read_recording
+from gatjax.data.recording import (
+    Recording,
+    check_one_unit,
+    check_recording,
+    read_recording,
+)
 from gatjax.diagnosis.diagnose import Logs, diagnose
 from gatjax.diagnosis.suitable import cautions, check_commands, check_model
 from gatjax.diagnosis.tolerances import USUAL, read_tolerances
@@ -53,7 +58,7 @@ def read_logs(verb: Diagnose) -> Logs:
     mapping = None if verb.map is None else read_map(verb.map)
     fit, fit_found = _checked(verb.data, mapping, ranges, model, "fit")
     held, held_found = _checked(verb.held_out, mapping, ranges, model, "held-out")
-    _check_units([*fit, *held])
+    check_one_unit([*fit, *held], "diagnose files of one unit together")
     _check_rates([*fit, *held])
     shared = checks.same_data(fit, held)
     if shared is not None:
@@ -106,14 +111,6 @@ def _check_files(verb: Diagnose) -> None:
             raise ValueError(
                 f"{path}: --out {verb.out} would write over it; choose another folder"
             )
-
-
-def _check_units(logs: Sequence[Recording]) -> None:
-    """Refuse files whose commands are different things."""
-    units = {log.metadata.get("command_unit", ANGLE): log.name for log in logs}
-    if len(units) > 1:
-        told = ", ".join(f"{unit} in {name}" for unit, name in units.items())
-        raise ValueError(f"commands are in {told}; diagnose files of one unit together")
 
 
 def _check_rates(logs: Sequence[Recording]) -> None:

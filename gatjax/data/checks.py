@@ -46,7 +46,7 @@ def findings(recording: Recording, ranges: Ranges, role: Role) -> list[Finding]:
     position = {joint: recording.columns[f"position.{joint}"] for joint in joints}
     steps = {joint: sampling.encoder_step(position[joint]) for joint in joints}
     noise = {joint: sampling.noise_of(position[joint]) for joint in joints}
-    follows = recording.metadata.get("command_unit", ANGLE) == ANGLE
+    follows = recording.command_unit == ANGLE
     moves = excitation.moves_of(runs, joints, steps)
     if not follows:  # any command will do that moves the joint
         moves = {j: move._replace(command=move.position) for j, move in moves.items()}

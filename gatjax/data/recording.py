@@ -49,6 +49,11 @@ class Recording(NamedTuple):
     columns: dict[str, np.ndarray]  # each [N], SI
     metadata: dict[str, Any]  # robot, base, notes: text; rate_hz: float
 
+    @property
+    def command_unit(self) -> str:
+        """What commands are in: one of `COMMAND_UNITS`."""
+        return self.metadata.get("command_unit", ANGLE)
+
 
 def read_recording(path: str | Path, mapping: ColumnMap | None = None) -> Recording:
     """Reads a .parquet or .csv file (its metadata from the .json beside a .csv).
@@ -142,6 +147,14 @@ def check_recording(recording: Recording, joints: Sequence[str]) -> None:
     _check_degrees(recording)
 
 
+def check_one_unit(recordings: Sequence[Recording], advice: str) -> None:
+    """Refuses recordings whose commands are different things, with an advice."""
+    units = {each.command_unit: each.name for each in recordings}
+    if len(units) > 1:
+        told = ", ".join(f"{unit} in {name}" for unit, name in units.items())
+        raise ValueError(f"commands are in {told}; {advice}")
+
+
 def _check_names(recording: Recording, joints: Sequence[str]) -> None:
     """Refuses columns that no recording has and joints that the model lacks."""
     for column in recording.columns:
@@ -225,7 +238,7 @@ def _check_time(recording: Recording) -> None:
 
 def _check_degrees(recording: Recording) -> None:
     """Refuses joint angles that can only be degrees; motors may turn on and on."""
-    if recording.metadata.get("command_unit", ANGLE) != ANGLE:
+    if recording.command_unit != ANGLE:
         return
     for column, values in recording.columns.items():
         large = np.flatnonzero(np.abs(values) > LARGEST_ANGLE)

@@ -171,7 +171,7 @@ def check_resolution(
 
 def check_units(recording: Recording, ranges: Ranges) -> list[Finding]:
     """Angles below a full turn that only make sense as degrees."""
-    follows = recording.metadata.get("command_unit", ANGLE) == ANGLE
+    follows = recording.command_unit == ANGLE
     found = []
     for column, values in recording.columns.items():
         family, _, joint = column.partition(".")

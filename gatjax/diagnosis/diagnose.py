@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 
 import gatjax
-from gatjax.data.recording import ANGLE, Recording
+from gatjax.data.recording import Recording
 from gatjax.data.trajectories import JointRun, to_arrays
 from gatjax.diagnosis import (
     experiment,
@@ -220,12 +220,12 @@ def _told(
     tell("measure", 0.9)
     fit, unfit = ([log.name for log in logs] for logs in data.files[:2])
     name = data.model.names.split(b"\0")[0].decode()
-    about = data.files.fit[0].metadata
+    first = data.files.fit[0]
     return said | {
         "gain": gain,
         "fallback": learned,
-        "robot": about.get("robot", name),
-        "command_unit": about.get("command_unit", ANGLE),
+        "robot": first.metadata.get("robot", name),
+        "command_unit": first.command_unit,
         "files": {"fit": fit, "held_out": unfit},
         "not_expressible": mjcf.lacking(made["extended"]),
         "smallest_effects": sensitivity.smallest(verdict.judge),

@@ -238,12 +238,14 @@ def _grids(
     ends = np.array([run.time[-1] - run.time[0] for run in runs])
     at, few = moved[0].time, moved[0].time[:: weights.COARSE]
     clock = np.broadcast_to(time[:, None], (len(time), len(runs)))
-    targets, stiff = (
-        [motions.cells(run.time - run.time[0], s, time) for run, s in pairs]
-        for pairs in (
-            [(run, run.command) for run in runs], [(run, run.stiff) for run in runs]
-        )
-    )  # fmt: skip
+
+    def held(values: list[np.ndarray]) -> list[np.ndarray]:
+        """What is in force from each stamp on, of all joints."""
+        pairs = zip(runs, values, strict=True)
+        return [motions.cells(run.time - run.time[0], v, time) for run, v in pairs]
+
+    targets = held([run.command for run in runs])
+    shares = held([run.stiff for run in runs])
     added = weights.shapes(loads)
     largest = max(float(total.max()) for total in supply)
     supply = [total / max(largest, 1e-9) for total in supply]
@@ -268,12 +270,13 @@ def _grids(
             for a, l in zip(added, loads, strict=True)
         ]  # fmt: skip
 
+    def own(parts: list[np.ndarray], index: int) -> Any:
+        return jnp.asarray(np.stack([each[:, index] for each in parts], 1), jnp.float32)
+
     def grid(index: int, armature: float) -> laws.Grid:
-        told = [np.stack([s[:, index] for s in each], 1) for each in (targets, stiff)]
-        target, stiffness = (jnp.asarray(s, jnp.float32) for s in told)
         return laws.Grid(
-            target=target,
-            stiffness=stiffness,
+            target=own(targets, index),
+            stiffness=own(shares, index),
             path=series([m.position[:, index] for m in moved]),
             rest=series([l.nominal.rest[:, index] for l in loads]),
             slope=series([l.nominal.slope[:, index] for l in loads]),

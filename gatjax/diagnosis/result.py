@@ -20,6 +20,11 @@ DRAWS = 48  # of a cause's coordinates, for its interval
 MODEL_ERROR = 0.12  # of a cause's size: its law is a simplification of the robot's
 SHOWN = 25  # candidates in the file
 UNITS = {"no_torque_speed": "rad/s"}
+NUMBERS = {
+    "kv": "N*m*s/rad", "damping": "N*m*s/rad", "armature": "kg*m^2", "limit": "N*m",
+    "friction": "N*m",
+}  # fmt: skip
+"""Of nominal numbers that are calibrated; that of kp depends on the drive."""
 
 
 def interval(verdict: Verdict, claim: Claim, seed: int) -> dict[str, dict[str, Any]]:
@@ -171,18 +176,10 @@ def joint_rows(verdict: Verdict) -> list[dict[str, Any]]:
 def calibration_rows(verdict: Verdict) -> list[dict[str, Any]]:
     """Nominal numbers and what the logs say of them, within the tolerances."""
     rows = []
-    units = {
-        "kp": "",
-        "kv": "N*m*s/rad",
-        "damping": "N*m*s/rad",
-        "armature": "kg*m^2",
-        "limit": "N*m",
-        "friction": "N*m",
-    }
     for joint, fit in zip(verdict.judge.joints, verdict.judge.known, strict=True):
         drive = numbers(joint, None, fit.x[:COUNT])
-        units["kp"] = "N*m/rad" if joint.servoed else "N*m per command"
-        for name, unit in units.items():
+        gain = "N*m/rad" if joint.servoed else "N*m per command"
+        for name, unit in {"kp": gain, **NUMBERS}.items():
             share = getattr(joint.allowed, name)
             rows.append(
                 {"parameter": name, "where": joint.name, "unit": unit,

@@ -96,7 +96,7 @@ def check_commands(model: mujoco.MjModel, recording: Recording) -> None:
             f"{recording.name}: column {changed!r} is not 1 all the time; of a robot "
             f"that stands gatjax takes the model's gains only: log it hanging"
         )
-    unit = recording.metadata.get("command_unit", ANGLE)
+    unit = recording.command_unit
     if robot_model.servoed(model) == (unit == ANGLE):
         return
     drive = "position servos" if unit != ANGLE else "no position servos"

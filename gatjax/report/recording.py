@@ -25,7 +25,7 @@ def draw_recording(recording: Recording, path: Path) -> None:
     """
     seen = [c[9:] for c in recording.columns if c.startswith("position.")]
     shown = sorted(seen)[:MOST]
-    unit = recording.metadata.get("command_unit", ANGLE)
+    unit = recording.command_unit
     time = _strung(recording)
     ends = time[:-1][np.diff(recording.trajectory) != 0]
     step = max(1, len(time) // POINTS)

@@ -15,7 +15,7 @@ import numpy as np
 from gatjax.data.mapping import ColumnMap, Entry, quantity_of, resolve, to_si
 from gatjax.data.readers.drafts import drafted
 from gatjax.data.readers.source import Run, Source, Stream
-from gatjax.data.recording import ANGLE, Recording
+from gatjax.data.recording import Recording, check_one_unit
 
 HELD = ("command.", "stiffness.")  # signals that hold until the next stamp
 NAMED = 4  # signals or runs that a note names
@@ -108,10 +108,7 @@ def joined(parts: list[Recording], name: str) -> Recording:
 
 def _check_alike(parts: list[Recording], shared: list[str]) -> None:
     """Refuse logs whose commands mean different things."""
-    units = {each.metadata.get("command_unit", ANGLE): each.name for each in parts}
-    if len(units) > 1:
-        told = ", ".join(f"{unit} in {name}" for unit, name in units.items())
-        raise ValueError(f"commands are in {told}; import logs of one unit together")
+    check_one_unit(parts, "import logs of one unit together")
     for each in parts:
         own = {c for c in each.columns if c.startswith("stiffness.")} - set(shared)
         if own:
