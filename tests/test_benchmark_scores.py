@@ -77,7 +77,12 @@ def test_the_right_cause_at_the_right_joint():
 def test_the_right_cause_at_another_joint_is_right_but_not_placed():
     there = said("coulomb_friction", where=("hip",))
     one = mark(case(effects=[FRICTION]), answer("named", there))
-    assert (one.right, one.joint) == (True, False)
+    assert (one.right, one.joint, one.located) == (True, False, False)
+    wrong = mark(case(effects=[FRICTION]), answer("named", said("dead_band")))
+    assert (wrong.right, wrong.joint, wrong.located) == (False, False, True)
+    told = scored([one, wrong])
+    assert told["joint right where the cause is"].value == 0.0
+    assert told["joint right where one is named"].value == 0.5
 
 
 def test_a_name_of_the_same_class_is_right_but_not_exact():
@@ -115,7 +120,9 @@ def test_wrong_names_cost_two_and_doubt_costs_nothing():
 def test_no_answer_is_neither_right_nor_an_alarm():
     one = mark(case("null"), Answer(None, 3.0, "boom"))
     assert (one.verdict, one.utility, one.note) == ("failed", 0.0, "boom")
-    assert scored([one])["false alarms"].value == 0.0
+    quiet = mark(case("null"), answer("none"))
+    alarms = scored([one, quiet])["false alarms"]
+    assert (alarms.value, alarms.count) == (0.0, 1)
     assert scored([one])["no answer"].value == 1.0
 
 
@@ -155,6 +162,8 @@ def test_outside_cases_ask_for_unknown():
     timid = mark(given, answer("ambiguous", said("dead_band", probability=0.5)))
     right = mark(given, answer("unknown"))
     found = scored([bold, timid, right])
+    late = mark(given, answer("named", said("payload", probability=0.5), said("lag")))
+    assert late.surest == 0.9 and math.isnan(right.surest)
     assert found["outside: unknown"].value == pytest.approx(1 / 3)
     assert found["outside: confidently misnamed"].value == pytest.approx(1 / 3)
     assert (bold.utility, timid.utility, right.utility) == (-2.0, 0.0, 1.0)

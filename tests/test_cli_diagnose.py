@@ -8,6 +8,7 @@ from gatjax.cli.arguments import Diagnose, parse
 from gatjax.cli.diagnosis import read_logs
 from gatjax.cli.found import gain_lines, named_lines
 from gatjax.data.recording import Recording, write_recording
+from gatjax.diagnosis.diagnose import given as given_logs
 from gatjax.loop.staged import ENGINE, staged
 from gatjax.runs import Progress
 
@@ -63,6 +64,17 @@ def test_good_logs_are_taken(given, tmp_path):
     logs = read_logs(parse(["diagnose", *words]))
     assert [r.name for r in logs.fit + logs.held] == [fit, held]
     assert {row["file"] for row in logs.checks} <= {fit, held}
+
+
+def test_commands_that_the_model_clips_are_told(given, tmp_path):
+    _, fit, _ = given
+    narrow = SERVO.replace("<position", '<position ctrlrange="-0.5 0.5"')
+    robot = model(tmp_path / "narrow.xml", narrow, "")
+    logs = read_logs(parse(["diagnose", "--model", robot, "--data", fit, "--out", "x"]))
+    texts = [row["text"] for row in logs.checks if row["check"] == "limits"]
+    assert any("lies beyond the ctrlrange -0.5 to 0.5" in text for text in texts)
+    (run,) = given_logs(robot, logs, 0).logs
+    assert run.command.max() == 0.5 < logs.fit[0].columns["command.servo"].max()
 
 
 def test_several_files_follow_one_flag():

@@ -32,3 +32,45 @@ def test_a_joint_starts_where_its_encoder_says_what_was_measured(tmp_path, loop)
     for horizon in measure.HORIZONS:
         error = measure.window_errors(cut, played, horizon, PERIOD).rmse()
         assert error < 2e-3
+
+
+@pytest.fixture
+def lossy(tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(MODEL)
+    plain = nominal(Task(control_period=PERIOD), path)
+    lost = {"probability": 0.7, "burst": 5.0}
+    return plain, add_cause(plain, "dropped_commands", ["a"], lost)
+
+
+def test_lost_commands_are_late_in_the_mean_and_never_freeze_a_joint(lossy):
+    run = JointRun(0, TIME, COMMAND, 0.0 * COMMAND)
+    plain, mean = (measure.whole_log(world, [run])[0][:, 0] for world in lossy)
+    size = 2.0 * np.exp(-5j * TIME[100:]) / len(TIME[100:])
+    ratio = (mean[100:] @ size) / (plain[100:] @ size)
+    # a command comes late by the ticks since the last one that arrived: of a two-state
+    # chain 0.7 x (burst - 1) + 0.7 + ... = share x burst ticks in the mean
+    assert -np.angle(ratio) / 5.0 == pytest.approx(0.7 * 5.0 * PERIOD, rel=0.35)
+    assert 0.8 < abs(ratio) < 1.02
+
+
+def test_windows_lose_commands_too(lossy):
+    plain, _ = lossy
+    run = JointRun(0, TIME, COMMAND, measure.whole_log(plain, [JointRun(
+        0, TIME, COMMAND, 0.0 * COMMAND)])[0])  # fmt: skip
+    cut = measure.windows([run], PERIOD)
+    assert cut is not None
+    errors = [
+        measure.window_errors(cut, measure.windowed(each, cut, PERIOD), 0.5, PERIOD)
+        for each in lossy
+    ]
+    assert errors[0].rmse() < 2e-3 < 0.02 < errors[1].rmse()
+
+
+def test_the_first_second_of_a_log_that_starts_in_motion_does_not_count():
+    still = JointRun(0, TIME, COMMAND, COMMAND * (1.0 - np.exp(-20.0 * TIME))[:, None])
+    errors = measure.log_errors([still], {"one": [still.angle]})["one"]
+    assert len(errors.block) == len(TIME)
+    moving = still._replace(angle=COMMAND)
+    errors = measure.log_errors([still, moving], {"one": [still.angle, COMMAND]})["one"]
+    assert len(errors.block) == 2 * len(TIME) - 101

@@ -15,7 +15,9 @@ from gatjax.cli import main
 from gatjax.data import sampling
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import JointRun
+from gatjax.diagnosis.case import held
 from gatjax.diagnosis.diagnose import control_period
+from gatjax.diagnosis.joint import build
 from gatjax.diagnosis.suitable import check_replay
 from gatjax.sim.episode import coupled, coupled_speed
 from gatjax.sim.limbs import put_down
@@ -137,6 +139,7 @@ def test_a_simulation_that_gave_up_is_told_from_one_at_rest() -> None:
         ('"-6 6"', '"-6 4"', "'arm' has a forcerange that is not symmetric"),
         ('"left" axis="0 0 1"', '"left" type="slide"', "'left' drives no hinge"),
         ("<equality>", '<equality><connect body1="a" anchor="0 0 0"/>', "closes a"),
+        ("0.1 -1 0 0 0", "0.1 -1 0.2 0 0", "'right' follows another one by a curve"),
     ],
 )
 def test_what_cannot_be_simulated_is_refused(
@@ -185,6 +188,22 @@ def test_tied_joints_follow_their_polynomial() -> None:
     assert np.array_equal(address, [2]) and np.allclose(position, [[-0.4]])
     place, speed = coupled_speed(model, qpos, np.array([1.0, 2.0, 9.0]))
     assert np.array_equal(place, [2]) and np.allclose(speed, [-2.0])
+
+
+def test_joints_of_one_motor_are_known_by_the_model() -> None:
+    """A limit that the logs had to tell, and a joint that is drawn, do not count."""
+    text = PLAIN.replace('kp="20" kv="1" forcerange="-6 6"', 'kp="4" kv="0.2"')
+    text = text.replace('0.1" armature="0.004"', '0.05" armature="0.002"')
+    for model, same in ((text, True), (PLAIN, False)):
+        robot = mujoco.MjModel.from_xml_string(model)
+        time = 0.01 * np.arange(300)
+        wave = np.stack([0.3 * np.sin(5.0 * time), 0.1 * np.sin(8.0 * time)], axis=1)
+        run = JointRun(0, time, wave, 0.9 * wave)
+        base = held(robot, [run], 0)
+        moved, loads = base.weigh([], [])
+        arm, left = build(robot, base.tree, ("arm", "left"), [run], moved, loads)
+        assert arm.nominal["limit"] != left.nominal["limit"]
+        assert (arm.drawn(30.0).motor == left.motor) == same
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """Pieces of the diagnosis that have an answer on paper."""
 
+from types import SimpleNamespace
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from gatjax.diagnosis.hypotheses import COUNT, combined, information, numbers, p
 from gatjax.diagnosis.joint import STEP, noise_of
 from gatjax.diagnosis.known import Known
 from gatjax.diagnosis.loads import tilted
+from gatjax.effects.body import gravity_tilt
 from gatjax.effects.catalogue import CATALOGUE
 
 
@@ -85,6 +88,13 @@ def test_gravity_of_a_tilted_mounting():
         turned = tilted(down, np.array(angles))
         assert np.linalg.norm(turned) == pytest.approx(9.81)
         assert turned[2] == pytest.approx(-9.81 * np.cos(0.3))
+
+
+def test_a_tilt_about_two_axes_is_that_of_the_catalogue():
+    model = SimpleNamespace(opt=SimpleNamespace(gravity=np.array([0.0, 0.0, -9.81])))
+    params = {"roll": np.array(0.2), "pitch": np.array(-0.3)}
+    expected = gravity_tilt(model, {}, params)["opt.gravity"]
+    assert tilted(model.opt.gravity, np.array([0.2, -0.3])) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("share", [0.03, 0.2, 0.5])

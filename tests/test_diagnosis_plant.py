@@ -6,6 +6,7 @@ import pytest
 
 from gatjax.diagnosis import laws
 from gatjax.diagnosis.joint import OBSERVED, Joint
+from gatjax.sim.derived import LIGHT
 
 STEP, LEAD, COUNT = 1e-3, 400, 3000
 NOMINAL = {
@@ -136,6 +137,14 @@ def test_armature_behind_the_gear_swings_with_the_link():
     same = seen(alone, geared=True, behind=0.0, **spring, **moved)
     assert np.max(np.abs(angle[0.5] - same)) < 1e-4
     assert np.max(np.abs(angle[0.5] - angle[0.0])) > 1e-3
+
+
+def test_a_gear_of_a_joint_without_armature_has_a_light_rotor():
+    one = joint(step_up)
+    spring = {"stiffness": 10.0, "sensed": 1.0, "kp": 40.0, "limit": 400.0}
+    none = seen(one, geared=True, armature=0.0, **spring)
+    light = seen(one, geared=True, armature=LIGHT * 0.018, **spring)
+    assert np.max(np.abs(none - light)) < 1e-6
 
 
 def test_heat_takes_gain_away_and_is_told():

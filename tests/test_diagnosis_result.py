@@ -81,10 +81,12 @@ def test_nothing_is_weighed_after_the_last_cause_that_may_be_named():
     assert rows[0]["parameters"] == {"mu": {"value": 0.3, "unit": "1"}}
 
 
-def row(cause, borne_out):
+def row(cause, borne_out, probability=0.9):
     size = {"value": 0.1, "unit": "rad"}
-    return {"cause": cause, "where": ["elbow"], "parameters": {"width": size},
-            "equivalent": [], "borne_out": borne_out, "probability": 0.9}  # fmt: skip
+    return {
+        "cause": cause, "where": ["elbow"], "parameters": {"width": size},
+        "equivalent": [], "borne_out": borne_out, "probability": probability,
+    }  # fmt: skip
 
 
 SURE, DOUBTFUL = "backlash of 0.1 rad (width) at elbow", "stiction of 0.1 rad (width)"
@@ -95,6 +97,9 @@ SURE, DOUBTFUL = "backlash of 0.1 rad (width) at elbow", "stiction of 0.1 rad (w
     ([row("backlash", True), row("stiction", False)], [0],
      f"The simulation lacks {SURE}; {DOUBTFUL} at elbow would fit, but does not"),
     ([row("stiction", False)], [0], f"S{DOUBTFUL[1:]} at elbow would fit, but"),
+    ([row("backlash", True, 0.5)], [0], f"The simulation may lack {SURE}; besides, so"),
+    ([row("stiction", None), row("backlash", None, 0.6)], [0],
+     f"lacks {DOUBTFUL} at elbow; it may lack {SURE}; besides, something"),
     ([], [0], "Something at elbow is wrong that no cause"),
     ([row("backlash", True), row("stiction", False)], [],
      f"lacks {SURE} and {DOUBTFUL} at elbow, but the held-out logs do not bear out s"),

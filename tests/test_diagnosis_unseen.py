@@ -73,7 +73,7 @@ def test_of_a_joint_that_is_drawn_what_it_leaves_while_drawn_counts(after, expec
 def test_lost_commands_predict_nothing_of_another_motion():
     worse = errors(20.0 * NOISE, 20.0 * NOISE)
     verdict = judged(told("dropped_commands"), errors(10.0 * NOISE, NOISE), worse)
-    assert verdict.verdict == "named" and verdict.causes[0].borne_out
+    assert verdict.verdict == "named" and verdict.causes[0].borne_out is None
 
 
 def test_an_unknown_verdict_stays_unknown():

@@ -11,7 +11,7 @@ import functools
 import numpy as np
 import pytest
 
-from gatjax.sim.native import Native
+from gatjax.sim.replay import replay_many
 from gatjax.sim.world import add_cause, nominal, stacked
 from gatjax.task import Task
 
@@ -45,8 +45,8 @@ def world_of(file, timestep=0.00025):
 
 
 def replay(world, commands=COMMAND, start=0.0):
-    run = Native(world).replay_many
-    return run(stacked([world.values]), commands[:, None], [start], [0.0])
+    values = stacked([world.values])
+    return replay_many(world, values, commands[:, None], np.array([start]), np.zeros(1))
 
 
 def angles(world):

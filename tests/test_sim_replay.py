@@ -9,7 +9,7 @@ from gatjax.effects.catalogue import CATALOGUE
 from gatjax.effects.joint import warmth
 from gatjax.robot.model import slots
 from gatjax.sim.backend import prepare
-from gatjax.sim.native import Native
+from gatjax.sim.replay import replay_many
 from gatjax.sim.world import (
     add_cause,
     fields_applied,
@@ -84,7 +84,7 @@ def play(world, *values, commands=COMMAND, noise=NOISE):
     each = stacked(values or [world.values])
     noise = np.repeat(noise, len(values) or 1, axis=0)
     state = np.zeros(world.model.nq), np.zeros(world.model.nv)
-    return Native(world).replay_many(each, commands, *state, noise)
+    return replay_many(world, each, commands, *state, noise)
 
 
 def where(name):
@@ -334,8 +334,12 @@ def stand(world):
     model = world.model
     pose = np.array(model.key_qpos[0] if model.nkey else model.qpos0)
     target = pose[slots(model).position]
-    return Native(world).replay_many(
-        stacked([world.values]), np.tile(target, (30, 1)), pose, np.zeros(model.nv)
+    return replay_many(
+        world,
+        stacked([world.values]),
+        np.tile(target, (30, 1)),
+        pose,
+        np.zeros(model.nv),
     )
 
 

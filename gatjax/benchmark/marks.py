@@ -46,6 +46,8 @@ class Mark(NamedTuple):
     seconds: float
     utility: float
     note: str  # what the solver said when it failed
+    located: bool = False  # the first cause is at exactly the joints of a true one
+    surest: float = math.nan  # largest probability of a named cause that is not there
 
 
 def mark(case: Case, answer: Answer) -> Mark:
@@ -59,6 +61,11 @@ def mark(case: Case, answer: Answer) -> Mark:
     hit = next((t for t, n in pairs if n is first), None) if first else None
     error, covered = _size(truth, hit, first)
     placed = sum(same_place(t["where"], n["where"], case.joints) for t, n in pairs)
+    located = first is not None and any(
+        same_place(t["where"], first["where"], case.joints) for t in there
+    )
+    true = [n for _, n in pairs]
+    wrong = [float(n["probability"]) for n in named if n not in true]
     return Mark(
         case=case.name,
         kind=truth["kind"],
@@ -74,6 +81,8 @@ def mark(case: Case, answer: Answer) -> Mark:
         joint=hit is not None
         and first is not None
         and same_place(hit["where"], first["where"], case.joints),
+        located=located,
+        surest=max(wrong, default=math.nan),
         matched=len(pairs),
         placed=placed,
         spurious=len(named) - len(pairs),

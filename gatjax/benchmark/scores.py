@@ -79,18 +79,20 @@ def summary(marks: Sequence[Mark]) -> list[Score]:
         rate("cause right, by class", (m.right for m in single)),
         rate("cause and joint right", (m.joint for m in single)),
         rate("joint right where the cause is", (m.joint for m in single if m.right)),
+        rate("joint right where one is named", (m.located for m in single if m.first)),
         rate("a further cause that is not there", (m.spurious > (not m.right)
              for m in single if m.first)),
         rate("right, but beside 'unknown'", (m.beside is not None and m.beside[1]
              for m in single)),
-        rate("false alarms", (m.verdict not in ("none", "failed") for m in healthy)),
+        rate("false alarms", (m.verdict != "none" for m in healthy
+             if m.verdict != "failed")),
         rate("pairs: both", (m.matched == 2 for m in pairs)),
         rate("pairs: both, with joints", (m.placed == 2 for m in pairs)),
         rate("pairs: at least one", (m.matched >= 1 for m in pairs)),
         rate("pairs: a cause that is not there", (m.spurious > 0 for m in pairs)),
         rate("outside: unknown", (m.verdict == "unknown" for m in outside)),
-        rate("outside: confidently misnamed", (bool(m.first) and
-             m.probability >= CONFIDENT for m in outside)),
+        rate("outside: confidently misnamed", (m.surest >= CONFIDENT
+             for m in outside)),
         rate("outside: misnamed beside 'unknown'", (m.beside is not None and
              m.beside[0] >= CONFIDENT for m in outside)),
         number("parameter error, median", (m.error for m in single)),

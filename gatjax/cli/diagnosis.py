@@ -22,7 +22,12 @@ from gatjax.data.recording import (
     read_recording,
 )
 from gatjax.diagnosis.diagnose import Logs, diagnose
-from gatjax.diagnosis.suitable import cautions, check_commands, check_model
+from gatjax.diagnosis.suitable import (
+    cautions,
+    check_commands,
+    check_model,
+    check_ranges,
+)
 from gatjax.diagnosis.tolerances import USUAL, read_tolerances
 from gatjax.loop.staged import staged
 from gatjax.report.diagnosis import write_report
@@ -93,7 +98,8 @@ def _checked(
                 f"give the model of the robot as it was logged"
             )
         log, short = sampling.lasting(log)
-        found.append([*short, *checks.trusted(log, ranges, role)])
+        beyond = check_ranges(model, log)
+        found.append([*short, *beyond, *checks.trusted(log, ranges, role)])
         logs.append(log)
     return logs, found
 

@@ -12,7 +12,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from gatjax.data import excitation, sampling, stops, tracking
+from gatjax.data import excitation, sampling, starts, stops, tracking
 from gatjax.data.excitation import Moves
 from gatjax.data.finding import Finding, Level, Ranges
 from gatjax.data.recording import ANGLE, Recording
@@ -61,7 +61,7 @@ def findings(recording: Recording, ranges: Ranges, role: Role) -> list[Finding]:
         *excitation.check_excitation(recording, runs, moves, poor),
         *excitation.check_coverage(recording, moves, ranges),
         *excitation.check_rest(recording, runs),
-        *(excitation.check_start(recording, runs, joints) if follows else []),
+        *(starts.check_start(recording, runs, joints) if follows else []),
     ]
     if any(each.check == "rate" and each.level == "refuse" for each in found):
         return found

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gatjax.data.finding import Finding, Level, Ranges, angle, cell, listed
+from gatjax.data.finding import Finding, Level, Ranges, cell, listed
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import JointRun
 
@@ -21,9 +21,7 @@ BEYOND = 0.01  # rad, how far a command may pass a joint limit
 AT_LIMIT = 0.03  # rad
 FLAT = 0.15  # s, standing that long while the command moves on
 REST = 0.5  # s
-START = 0.1  # s
-MOVING = 0.03  # rad that a joint may move in the first 0.1 s beyond its command
-AWAY = 0.2  # rad between first command and first position
+AWAY = 0.2  # rad that a position moves while its command stands still
 
 
 class Moves(NamedTuple):
@@ -232,37 +230,6 @@ def check_rest(recording: Recording, runs: Sequence[JointRun]) -> list[Finding]:
     if count == 0:
         text += "; without one, noise and slow motion are harder to tell apart"
     return [Finding("info", "rest", text, {"rests": float(count), "seconds": seconds})]
-
-
-def check_start(
-    recording: Recording, runs: Sequence[JointRun], joints: Sequence[str]
-) -> list[Finding]:
-    """Trajectories that do not start at rest at the first command."""
-    found = []
-    for run in runs:
-        rows = np.flatnonzero(recording.trajectory == run.trajectory)
-        early = run.time <= run.time[0] + START
-        went = np.abs(run.angle[early] - run.angle[0]).max(axis=0)
-        sent = np.abs(run.command[early] - run.command[0]).max(axis=0)
-        away = np.abs(run.angle[0] - run.command[0])
-        fast, far = int(np.argmax(went - sent)), int(np.argmax(away))
-        if went[fast] - sent[fast] > MOVING:
-            text = (
-                f"{cell(recording, rows[0], f'position.{joints[fast]}')}: moves "
-                f"{angle(float(went[fast]))} in the first {START} s without a command; "
-                f"replay starts from rest, so start the log before the motion"
-            )
-            values = {joints[fast]: float(went[fast])}
-            found.append(Finding("warning", "start", text, values))
-        if away[far] > AWAY:
-            text = (
-                f"{cell(recording, rows[0], f'position.{joints[far]}')}: starts "
-                f"{angle(float(away[far]))} from its command; an offset, a heavy load, "
-                f"or a start before the joint had settled"
-            )
-            values = {joints[far]: float(away[far])}
-            found.append(Finding("warning", "start", text, values))
-    return found
 
 
 def stretches(true: np.ndarray) -> list[tuple[int, int]]:

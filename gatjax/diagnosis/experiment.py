@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gatjax.diagnosis import extend
+from gatjax.diagnosis import chance, extend
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.measure import fallen
 from gatjax.diagnosis.verdict import Verdict
@@ -140,7 +140,8 @@ def _separations(
     for world in pair:
         model, values = world.model, stacked([world.values] * len(targets))
         qpos = np.stack([put_down(model, target[0]) for target in targets])
-        rows = replay_many(world, values, commands, qpos, np.zeros(model.nv))
+        draw = chance.draws(world, commands.shape)[0]
+        rows = replay_many(world, values, commands, qpos, np.zeros(model.nv), draw)
         played.append(np.asarray(rows.reading.angle)[:, lead:])
         if floats(model):
             falls |= fallen(np.asarray(rows.up)).any(-1)

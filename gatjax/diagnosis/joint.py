@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from gatjax.data import sampling, stops
+from gatjax.data import sampling, starts, stops
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import laws, plant
 from gatjax.diagnosis import loads as weights
@@ -25,7 +25,6 @@ GRAVITY = ("gravity_x", "gravity_y", "gravity_z")  # in `nominal`, m/s^2
 UNLIMITED = 1e5  # N m: a limit of that size is none
 GIVE = 3e-4  # rad, that dry friction yields before it slips
 OBSERVED = 10.0  # 1/s, how fast a joint without a servo is drawn to its measured motion
-CAUGHT = 1.0  # s until that has made up for its start at rest; half of a run at most
 
 
 class Link(NamedTuple):
@@ -54,11 +53,19 @@ class Joint(NamedTuple):
     noise: float  # rad, standard deviation of a reading
     allowed: Tolerances = USUAL
     link: Link = Link(1.0, np.zeros(3), np.eye(3)[0])
+    limited: bool = True  # whether the model says what torque it has
 
     @property
     def servoed(self) -> bool:
         """Whether a servo holds it; else it is told a torque or a voltage."""
         return self.nominal["hold"] > 0.0
+
+    @property
+    def motor(self) -> dict[str, float]:
+        """Numbers of the drive as the model gives them; a limit that it lacks is 0."""
+        names = "kp", "kv", "damping", "friction", "armature"
+        limit = self.nominal["limit"] if self.limited else 0.0
+        return {name: self.nominal[name] for name in names} | {"limit": limit}
 
     def drawn(self, rate: float) -> Joint:
         """The same, drawn to its measured motion at a rate in 1/s; 0: not at all.
@@ -209,21 +216,22 @@ def build(
     joints = []
     for index, name in enumerate(names):
         drive = nominal_drive(model, tree, index)
-        if drive["limit"] >= UNLIMITED:
+        limited = drive["limit"] < UNLIMITED
+        if not limited:
             drive["limit"] = _asked(runs, moved, index, drive)
         grid = grids(index, drive["armature"])
         seen = np.stack([_padded(run.angle[:, index], rows) for run in runs])
         valid = np.zeros(seen.shape, bool)
         for row, run in zip(valid, runs, strict=True):
             row[: len(run.time)] = _free(model, run, index)
-            if not drive["hold"]:
-                lasts = run.time - run.time[0]
-                row[: len(run.time)] &= lasts > min(CAUGHT, 0.5 * lasts[-1])
+            if not drive["hold"] or starts.underway(run)[index]:
+                row[: len(run.time)] &= ~starts.early(run)
         body = tree.body[index]
         mass, centre = float(model.body_mass[body]), model.body_ipos[body].copy()
         link = Link(mass, centre, tree.axis[index])
         readings = at, seen, valid, float(noise[index])
-        joints.append(Joint(name, index, drive, grid, lead, *readings, allowed, link))
+        numbers = name, index, drive, grid, lead, *readings, allowed, link
+        joints.append(Joint(*numbers, limited))
     return joints
 
 

@@ -224,9 +224,9 @@ class Judge(Known):
         if len(suspects) > 1:
             groups.add(tuple(sorted(suspects)))
         for suspect in suspects:
-            mine = self.joints[suspect].nominal
+            mine = self.joints[suspect].motor
             twins = tuple(
-                k for k, joint in enumerate(self.joints) if joint.nominal == mine
+                k for k, joint in enumerate(self.joints) if joint.motor == mine
             )
             if 1 < len(twins) < len(self.joints):
                 groups.add(twins)

@@ -128,7 +128,7 @@ def copied(model: mujoco.MjModel) -> mujoco.MjModel:
 
 
 def tilted(gravity: np.ndarray, angles: np.ndarray) -> np.ndarray:
-    """Gravity of a mounting turned by small angles about x and y, rad."""
+    """Gravity [3] m/s^2 as a mounting feels it, turned about x, then about y, rad."""
     roll, pitch = angles
     about_x = np.array(
         [[1, 0, 0], [0, np.cos(roll), -np.sin(roll)], [0, np.sin(roll), np.cos(roll)]]
@@ -140,7 +140,7 @@ def tilted(gravity: np.ndarray, angles: np.ndarray) -> np.ndarray:
             [-np.sin(pitch), 0, np.cos(pitch)],
         ]
     )
-    return (about_x @ about_y).T @ gravity
+    return (about_y @ about_x).T @ gravity
 
 
 class Loads(NamedTuple):

@@ -14,7 +14,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from gatjax.data import starts
 from gatjax.data.trajectories import GAP, JointRun
+from gatjax.diagnosis import chance
 from gatjax.grounding.gat import learn_forward, next_angle
 from gatjax.grounding.network import Network
 from gatjax.grounding.transitions import HISTORY
@@ -71,8 +73,9 @@ def whole_log(
     """Open-loop predictions [N, J] rad at the stamps of runs.
 
     They start at rest, at the first command; without servos, from the measured angle
-    and speed. Each run has values of its own, the world's if none are given. A robot
-    that stood predicts nothing (NaN) from its fall on.
+    and speed. Where commands may get lost, they are means over draws. Each run has
+    values of its own, the world's if none are given. A robot that stood predicts
+    nothing (NaN) from its fall on.
     """
     period, follows = world.task.control_period, servoed(world.model)
     lead = round(SETTLE / period) if follows else 0
@@ -88,13 +91,18 @@ def whole_log(
         angles = np.stack([run.angle[0] for run in runs])
         speeds = np.stack([_speed(run, slice(BACK), 0) for run in runs])
         qpos, qvel = _started(world, Native(world), angles, speeds)
-    angle = replay_many(world, every, commands, qpos, qvel, stiffness=stiff)
+    drawn = [
+        replay_many(world, every, commands, qpos, qvel, noise, stiff)
+        for noise in chance.draws(world, commands.shape)
+    ]
+    angle = np.mean([each.reading.angle for each in drawn], axis=0)
     out = []
     for k, (run, cut) in enumerate(zip(runs, played, strict=True)):
         part = k, slice(lead, lead + len(cut.time))
-        series = np.array(angle.reading.angle[part])
+        series = angle[part]
         if floats(world.model):
-            series[fallen(np.asarray(angle.up[part]))] = np.nan
+            down = [fallen(np.asarray(each.up)[part]) for each in drawn]
+            series[np.any(down, axis=0)] = np.nan
         stamps = run.time - run.time[0]
         out.append(np.stack([np.interp(stamps, cut.time, s) for s in series.T], -1))
     return out
@@ -177,7 +185,11 @@ def windowed(world: World, cut: Windows, period: float) -> np.ndarray:
     # from the start on.
     commands = cut.command[:, :-1]
     stiff = cut.stiffness[:, :-1]
-    return native.replay(world.values, commands, angles[:, :-1], qpos, qvel, stiff)
+    drawn = [
+        native.replay(world.values, commands, angles[:, :-1], qpos, qvel, stiff, noise)
+        for noise in chance.draws(world, commands.shape)
+    ]
+    return np.mean(drawn, axis=0)
 
 
 def learned_windows(forward: Network, cut: Windows, period: float) -> np.ndarray:
@@ -235,7 +247,10 @@ def learned_log(forward: Network, runs: list[JointRun]) -> list[np.ndarray]:
 def log_errors(
     runs: list[JointRun], predicted: dict[str, list[np.ndarray]]
 ) -> dict[str, Errors]:
-    """Errors of several predictions at the rows of whole logs that all of them have."""
+    """Errors of several predictions at the rows of whole logs that all of them have.
+
+    Where a log starts in motion, its first second does not count.
+    """
     blocks = np.concatenate(
         [
             number * APART + ((run.time - run.time[0]) / BLOCK).astype(int)
@@ -248,6 +263,9 @@ def log_errors(
         for name, series in predicted.items()
     }
     kept = ~np.any([np.isnan(each).any(1) for each in squared.values()], axis=0)
+    kept &= ~np.concatenate(
+        [starts.early(run) & starts.underway(run).any() for run in runs]
+    )
     return {name: Errors(each[kept], blocks[kept]) for name, each in squared.items()}
 
 

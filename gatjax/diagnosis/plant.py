@@ -14,6 +14,7 @@ import jax.numpy as jnp
 
 from gatjax.diagnosis import laws
 from gatjax.diagnosis.laws import Drive, Grid, Servo
+from gatjax.sim.derived import LIGHT
 
 Array = Any
 BLOCK = 100  # steps whose loads are weighed together, few enough for the cache
@@ -132,6 +133,7 @@ def geared_step(p: Drive, g: Grid, u: Array, aim: Array, s: Geared, h: float) ->
     memory, push = laws.servo(p, g, u, s.servo, seen, s.turning, h)
     inertia, torque = laws.link(p, g, s.q, s.v)
     rotor = (1.0 - p.behind) * p.armature
+    rotor = jnp.where(rotor > 0.0, rotor, LIGHT * inertia)
     inertia = inertia + p.behind * p.armature
     beyond = _beyond(s.turned - s.q, 0.5 * p.width)
     reduced = rotor * inertia / (rotor + inertia)

@@ -12,7 +12,7 @@ from gatjax.diagnosis.fit import LEFT
 from gatjax.diagnosis.hypotheses import COUNT, numbers
 from gatjax.diagnosis.joint import TRANSPORT
 from gatjax.diagnosis.unexplained import explore
-from gatjax.diagnosis.verdict import Cause, Verdict
+from gatjax.diagnosis.verdict import CERTAIN, Cause, Verdict
 from gatjax.effects.catalogue import CATALOGUE
 
 SCHEMA = "gatjax.diagnosis/1"
@@ -150,7 +150,10 @@ def _named_places(verdict: Verdict, claim: Claim) -> list[str]:
 
 
 def joint_rows(verdict: Verdict) -> list[dict[str, Any]]:
-    """Misfit of every joint: noise, tolerances alone, named causes."""
+    """Misfit of every joint: noise, tolerances alone, named causes.
+
+    All three are of a joint that is drawn to its measured motion where `drawn` says so.
+    """
     rows = []
     judge = verdict.judge
     for joint, healthy, known in zip(
@@ -163,6 +166,7 @@ def joint_rows(verdict: Verdict) -> list[dict[str, Any]]:
         rows.append(
             {
                 "name": joint.name,
+                "drawn": "pull" in joint.nominal,
                 "noise": joint.noise,
                 "nominal_rms": float(np.sqrt(np.mean(np.square(nominal)))),
                 "tolerance_rms": healthy.rms(),
@@ -199,31 +203,39 @@ def calibration_rows(verdict: Verdict) -> list[dict[str, Any]]:
 
 def sentence(verdict: Verdict, rows: list[dict[str, Any]]) -> str:
     """The verdict in one sentence a person understands."""
-    sure, doubtful = (
-        " and ".join(_phrase(row) for row in rows if row["borne_out"] == told)
-        for told in (True, False)
+    fits = [row for row in rows if row["borne_out"] is not False]
+    sure, likely, doubtful = (
+        " and ".join(map(_phrase, some))
+        for some in (
+            [row for row in fits if row["probability"] >= CERTAIN],
+            [row for row in fits if row["probability"] < CERTAIN],
+            [row for row in rows if row["borne_out"] is False],
+        )
     )
-    both = " and ".join(part for part in (sure, doubtful) if part)
+    every = " and ".join(part for part in (sure, likely, doubtful) if part)
     names = [verdict.judge.joints[k].name for k in verdict.unexplained]
     left = ", ".join(names[:4]) + (" and others" if len(names) > 4 else "")
     if not (rows or names):
         return "The simulation agrees with the logs within its tolerances."
     if verdict.verdict == "named" and not names:
-        return f"The simulation lacks {both}."
+        return f"The simulation lacks {every}."
     if not names:
         doubt = "the logs leave a doubt"
         if doubtful:
             doubt = f"the held-out logs do not bear out {doubtful}"
-        likely = all(row["probability"] > 0.5 for row in rows)
-        lacks = "most likely lacks" if likely else "may lack"
-        return f"The simulation {lacks} {both}, but {doubt}."
+        probable = all(row["probability"] > 0.5 for row in rows)
+        lacks = "most likely lacks" if probable else "may lack"
+        return f"The simulation {lacks} {every}, but {doubt}."
     parts = [f"the simulation lacks {sure}"] if sure else []
+    if likely:
+        parts.append(f"it may lack {likely}" if sure else "the simulation may lack "
+                     f"{likely}")  # fmt: skip
     if doubtful:
         parts.append(f"{doubtful} would fit, but does not predict the held-out logs")
     text = f"something at {left} is wrong that no cause of the catalogue explains"
     if verdict.law is not None:
         text += f"; it looks like {verdict.law.hypothesis.variant}"
-    whole = "; ".join([*parts, f"besides, {text}" if sure else text])
+    whole = "; ".join([*parts, f"besides, {text}" if sure or likely else text])
     return f"{whole[0].upper()}{whole[1:]}."
 
 

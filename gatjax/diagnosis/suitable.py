@@ -8,6 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
+from gatjax.data.finding import Finding, cell
 from gatjax.data.recording import ANGLE, Recording
 from gatjax.data.trajectories import JointRun
 from gatjax.robot import model as robot_model
@@ -16,6 +17,7 @@ from gatjax.sim.limbs import floats
 
 LOST = 100.0  # rad, no servo joint turns that far
 MOVING = 0.05  # rad of a command that a joint has to follow
+SLACK = 1e-6  # of a command, that rounding may add
 
 
 def check_model(model: mujoco.MjModel, path: Path) -> None:
@@ -40,6 +42,13 @@ def check_model(model: mujoco.MjModel, path: Path) -> None:
         raise ValueError(
             f"{path}: a connect or weld constraint closes a chain; gatjax diagnose "
             f"needs a tree: cut it open, or tie the joints by <equality><joint/>"
+        )
+    curved = np.flatnonzero(ties(model)[2][:, 2:].any(axis=1))
+    if curved.size:
+        name = model.joint(int(ties(model)[0][curved[0]])).name
+        raise ValueError(
+            f"{path}: joint {name!r} follows another one by a curve; gatjax diagnose "
+            f"takes straight lines: give polycoef two numbers, offset and ratio"
         )
     if model.nu == 0:
         raise ValueError(f"{path}: no actuators; give every driven joint one")
@@ -107,6 +116,27 @@ def check_commands(model: mujoco.MjModel, recording: Recording) -> None:
     )
 
 
+def check_ranges(model: mujoco.MjModel, recording: Recording) -> list[Finding]:
+    """Commands beyond the control range of their actuators, of a checked recording."""
+    found = []
+    for name, limited, (low, high) in zip(
+        robot_model.joint_names(model), model.actuator_ctrllimited,
+        model.actuator_ctrlrange, strict=True,
+    ):  # fmt: skip
+        column = f"command.{name}"
+        values = recording.columns[column]
+        out = np.flatnonzero((values < low - SLACK) | (values > high + SLACK))
+        if limited and out.size:
+            text = (
+                f"{cell(recording, out[0], column)}: {values[out[0]]:.3g} lies beyond "
+                f"the ctrlrange {low:.3g} to {high:.3g} of the model's actuator "
+                f"({out.size} such rows), which takes no more than that; does the robot"
+                f" clip its commands too? If not, change the model"
+            )
+            found.append(Finding("warning", "limits", text, {name: float(out.size)}))
+    return found
+
+
 def check_replay(
     source: str, recordings: Sequence[Recording], runs: Sequence[JointRun],
     predicted: Sequence[np.ndarray], servos: bool,
@@ -141,7 +171,7 @@ def check_replay(
 
 def cautions(model: mujoco.MjModel) -> Iterator[str]:
     """What a user should know of a model that can be diagnosed, a line each."""
-    followers, _, _ = ties(model)
+    followers = ties(model)[0]
     driven = {*model.actuator_trnid[:, 0], *followers}
     free = [
         model.joint(k).name or f"number {k}"

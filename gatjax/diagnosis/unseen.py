@@ -60,21 +60,23 @@ def borne_out(verdict: Verdict, seen: Seen, seed: int) -> Verdict:
     """
     causes, unexplained = [], set(verdict.unexplained)
     for cause in verdict.causes:
-        if min(_left(verdict, cause, pair) for pair in (seen.of, seen.over)) < LEAVES:
-            causes.append(cause)
+        left = [_left(verdict, cause, pair) for pair in (seen.of, seen.over)]
+        asked = [share for share in left if share is not None]
+        if not asked or min(asked) < LEAVES:
+            causes.append(cause._replace(borne_out=True if asked else None))
             continue
         joints = set(cause.claim.fits)
         refuted = not any(_gains(seen, k, seed) for k in joints)
         low = min(cause.probability, REFUTED if refuted else UNSURE)
         causes.append(cause._replace(probability=low, borne_out=False))
         unexplained |= joints if refuted else set()
-    borne = {k for cause in causes if cause.borne_out for k in cause.claim.fits}
+    borne = {k for c in causes if c.borne_out is not False for k in c.claim.fits}
     lawful = set() if verdict.law is None else set(verdict.law.where)
-    left = [
+    rest = [
         k for k in sorted(unexplained)
         if k in lawful or k not in borne or not _predicted(seen, k)
     ]  # fmt: skip
-    return verdict._replace(verdict=word(causes, left), causes=causes, unexplained=left)
+    return verdict._replace(verdict=word(causes, rest), causes=causes, unexplained=rest)
 
 
 def _predicted(seen: Seen, joint: int) -> bool:
@@ -91,19 +93,23 @@ def _gains(seen: Seen, joint: int, seed: int) -> bool:
     return ahead is not None and measure.interval(*ahead, joint, seed)[0] > 0.0
 
 
-def _left(verdict: Verdict, cause: Cause, errors: Callable[[int], Pair]) -> float:
+def _left(
+    verdict: Verdict, cause: Cause, errors: Callable[[int], Pair]
+) -> float | None:
     """Share of the nominal error's power that a cause leaves at its joints.
 
-    Joints that lost commands do not count.
+    Joints that lost commands do not count. None where neither model has errors there
+    that noise would not excuse: the held-out logs do not show the cause.
     """
     chance = {
         k for each in verdict.causes if each.claim.hypothesis.cause in RANDOM
         for k in each.claim.fits
     }  # fmt: skip
-    before = after = 0.0
+    before = after = excused = 0.0
     for k in set(cause.claim.fits) - chance:
         nominal, extended = (float(e.rmse()[0]) ** 2 for e in errors(k))
         tolerated = (TOLERABLE * verdict.judge.joints[k].noise) ** 2
         before += nominal
+        excused += tolerated
         after += max(extended - tolerated, 0.0)
-    return after / max(before, 1e-18)
+    return after / max(before, 1e-18) if before > excused or after > 0.0 else None

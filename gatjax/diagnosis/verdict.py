@@ -32,7 +32,7 @@ class Cause(NamedTuple):
     probability: float
     rivals: list[tuple[Claim, float]]  # best first, with their probabilities
     equivalent: list[str]
-    borne_out: bool = True  # by logs of another motion, where there are some
+    borne_out: bool | None = None  # by logs of another motion; None: nobody asked
 
 
 class Before(NamedTuple):

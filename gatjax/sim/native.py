@@ -22,7 +22,6 @@ from gatjax.effects.sensor import drifted
 from gatjax.records import (
     FORCE_SENSORS,
     Outcome,
-    Played,
     Reading,
     Sensed,
     Signal,
@@ -31,7 +30,6 @@ from gatjax.records import (
 from gatjax.robot.model import slots as find_slots
 from gatjax.sim import episode
 from gatjax.sim.actuation import Push, State, actuation
-from gatjax.sim.replay import replay_many
 from gatjax.sim.world import Values, World, fields_applied
 
 Array = Any
@@ -72,7 +70,7 @@ class Native:
         self.begin = _cpu(self._begin_one, (None, 0, 0))
         self._tick = _cpu(self._tick_one, (None, 0, 0, 0, 0, None, 0, 0, 0, 0))
         self._motor = _cpu(self._motor_one, (None, 0, 0, 0, 0, 0))
-        self._command = _cpu(self._command_one, (None, 0, 0, 0, 0))
+        self._command = _cpu(self._command_one, (None, 0, 0, 0, 0, 0))
         self._init = _cpu(self._init_one, (None, 0, 0))
         self._sense = _cpu(self._sense_one, (None, 0, 0, 0))
 
@@ -108,9 +106,10 @@ class Native:
         return self._servos.apply(values, state, signal, stiffness)
 
     def _command_one(
-        self, values: Values, state: Any, target: Array, angle: Array, velocity: Array
-    ) -> tuple[Any, Array]:
-        signal = Signal(target, angle, velocity, jnp.zeros_like(target))
+        self, values: Values, state: Any, target: Array, angle: Array, velocity: Array,
+        noise: Array,
+    ) -> tuple[Any, Array]:  # fmt: skip
+        signal = Signal(target, angle, velocity, noise)
         state, signal = self.world.chains()[0].apply(values.command, state, signal)
         return state, signal.target
 
@@ -223,7 +222,7 @@ class Native:
 
     def replay(
         self, values: Values, commands: Array, angles: Array, qpos: Array, qvel: Array,
-        stiffness: Array | None = None,
+        stiffness: Array | None = None, noise: Array | None = None,
     ) -> np.ndarray:  # fmt: skip
         """Open-loop replay of windows; see `gatjax.sim.mjx.replay`.
 
@@ -234,6 +233,7 @@ class Native:
             qpos: [B, nq] physics state after the warm-up.
             qvel: [B, nv]
             stiffness: [B, T, J] share of the servos' gains; in a `stiffened` world.
+            noise: [B, T, J] unit draws of the command effects; zeros if left out.
 
         Returns:
             Joint angles [B, T - W, J] after each tick as the encoders report them, rad.
@@ -245,6 +245,7 @@ class Native:
         state, motor = self._init(values, commands[:, 0], angles[:, 0])
         warm, played, sense = angles.shape[1], [], None
         given = np.ones(np.shape(commands)) if stiffness is None else stiffness
+        drawn = np.zeros(np.shape(commands)) if noise is None else noise
         for index in range(commands.shape[1]):
             if index < warm:
                 angle, velocity = angles[:, index], 0.0 * angles[:, index]
@@ -255,7 +256,7 @@ class Native:
                     sense, _ = self._sense(values, None, motor, angle)
                 angle = self._servos.seen(values, motor, angle)
             state, target = self._command(
-                values, state, commands[:, index], angle, velocity
+                values, state, commands[:, index], angle, velocity, drawn[:, index]
             )
             if index < warm:
                 for _ in range(0 if self._servos.plain else self.world.substeps):
@@ -285,10 +286,3 @@ class Native:
             rows = [drifted(row, drift, period) for row in log]
             played = np.stack(rows)[:, before.shape[1] :]
         return played
-
-    def replay_many(
-        self, values: Values, commands: Array, qpos: Array, qvel: Array,
-        noise: Array | None = None,
-    ) -> Played:  # fmt: skip
-        """Replay logs row by row; see `gatjax.sim.replay.replay_many`."""
-        return replay_many(self.world, values, commands, qpos, qvel, noise)

@@ -24,8 +24,8 @@ def head(diagnosis: Diagnosis) -> str:
     """The verdict in one sentence, and the key numbers."""
     robot = str(diagnosis.raw.get("robot") or "unknown robot")
     kind, words = BADGES.get(diagnosis.verdict, ("", "no verdict"))
-    borne_out = all(row.get("borne_out", True) for row in diagnosis.rows("causes"))
-    if diagnosis.verdict == "ambiguous" and not borne_out:
+    refuted = any(row.get("borne_out") is False for row in diagnosis.rows("causes"))
+    if diagnosis.verdict == "ambiguous" and refuted:
         words = "does not predict the held-out logs as the right cause would"
     first, _, rest = sentence(diagnosis).partition("; ")
     also = f'<p class="also">{escape(rest[:1].upper() + rest[1:])}</p>' if rest else ""
@@ -99,6 +99,7 @@ def location(diagnosis: Diagnosis) -> str:
     head_row = ("joint", "nominal", "after tolerances", "extended", "beyond tolerances")
     rows = folded(head_row, [_joint_row(joint) for joint in shown], 8)
     left = len(joints) - len(shown)
+    drawn = ", ".join(joint.name for joint in shown if joint.drawn)
     note = (
         "Rms of measured minus simulated on the fit logs, worst joint first. Pale bar: "
         "nominal model. Full bar: what is left after masses, gains and friction were "
@@ -106,6 +107,7 @@ def location(diagnosis: Diagnosis) -> str:
         "Beyond tolerances: share of the power left after tolerances that is more than "
         "a right model leaves."
         + (f" {left} quieter joints are left out." if left else "")
+        + (f" Drawn to the measured motion: {escape(drawn)}." if drawn else "")
     )
     keys = key(
         ("none", "nominal (full: after tolerances)"),

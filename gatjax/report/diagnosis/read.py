@@ -54,6 +54,7 @@ class Joint(NamedTuple):
     tolerance: float  # after fitting tolerances only
     extended: float
     beyond: float  # share of the tolerances' power that no right model leaves
+    drawn: bool = False  # towards its measured motion, all three
 
 
 class Horizon(NamedTuple):
@@ -192,6 +193,7 @@ def _joint(row: Mapping[str, Any]) -> Joint:
         number_in(row, "tolerance_rms"),
         number_in(row, "extended_rms"),
         number_in(row, "beyond_tolerance"),
+        bool(row.get("drawn")),
     )
 
 

@@ -1,0 +1,47 @@
+"""Which trajectories start in motion."""
+
+import numpy as np
+import pytest
+
+from gatjax.data.starts import early, underway
+from gatjax.data.trajectories import JointRun
+
+TIME = 0.01 * np.arange(400)
+DRAW = np.random.default_rng(3)
+
+
+def run(angle, noise=0.0):
+    angle = (angle + noise * DRAW.normal(size=len(angle)))[:, None]
+    return JointRun(0, TIME, angle, angle)
+
+
+def servo(target, start=0.0, speed=0.0):
+    """Angle of a second-order servo that follows a target, rad."""
+    angle, out = start, []
+    for aim in np.repeat(target, 10):
+        out.append(angle)
+        speed += 1e-3 * (900.0 * (aim - angle) - 45.0 * speed)
+        angle += 1e-3 * speed
+    return np.array(out[::10])
+
+
+@pytest.mark.parametrize("noise", [0.0, 5e-4, 5e-3])
+def test_what_starts_at_rest_is_not_underway(noise):
+    for target in (0.0 * TIME, np.full(400, 0.6), np.sin(6.0 * TIME), 2.0 * TIME):
+        for step in (1e-9, 0.0015):
+            angle = np.round(servo(target) / step) * step
+            assert underway(run(angle, noise)) == 0.0
+
+
+def test_a_sine_cut_in_the_middle_is():
+    for phase in (0.0, 2.5):
+        angle = np.sin(6.0 * TIME + phase)
+        speed = underway(run(angle, 5e-4))[0]
+        assert speed == pytest.approx(6.0 * np.cos(phase), rel=0.15)
+    assert underway(run(servo(2.0 * TIME, -0.1, 2.0), 5e-4)) != 0.0
+
+
+def test_early_rows_are_the_first_second_or_half_of_a_short_run():
+    assert early(run(TIME)).sum() == 101
+    short = run(TIME).part(np.arange(101))
+    assert early(short).sum() == 51
