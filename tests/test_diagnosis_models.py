@@ -225,3 +225,13 @@ def test_period_of_logs(rate: float) -> None:
     time = np.arange(400) / rate + draw.normal(scale=1e-3 / rate, size=400)
     run = JointRun(0, time, np.zeros((400, 1)), np.zeros((400, 1)))
     assert control_period([run]) == pytest.approx(1.0 / rate, rel=1e-9)
+
+
+def test_period_of_logs_at_another_rate_does_not_run_away() -> None:
+    """Rows that are late now and then, and a gap: the mean tick, not the median one."""
+    draw = np.random.default_rng(0)
+    tick = 1.0 / 62.5
+    time = tick * np.arange(3000) + 2e-3 * draw.uniform(size=3000) ** 4
+    run = JointRun(0, time, np.zeros((3000, 1)), np.zeros((3000, 1)))
+    gap = run.part(np.r_[0:1000, 1050:3000])
+    assert abs(control_period([run, gap]) - tick) * 3000 < 0.1 * tick

@@ -52,8 +52,10 @@ def cut(recordings: list[Recording], joints: tuple[str, ...]) -> list[JointRun]:
 
 
 def control_period(runs: list[JointRun]) -> float:
-    """Median period of the logs, s; that of whole Hz or of a usual rate if near."""
-    period = float(np.median(np.concatenate([np.diff(run.time) for run in runs])))
+    """Mean period of the logs, s, gaps apart; of whole Hz or a usual rate if near."""
+    steps = np.concatenate([np.diff(run.time) for run in runs])
+    ticks = np.maximum(np.round(steps / np.median(steps)), 1.0)
+    period = float(steps.sum() / ticks.sum())
     whole = float(round(1.0 / period))
     if abs(whole * period - 1.0) < 0.001:
         return 1.0 / whole
