@@ -29,6 +29,7 @@ from gatjax.diagnosis.floor import channels, standing
 from gatjax.diagnosis.floor.judge import StandingJudge
 from gatjax.diagnosis.gain import Predicted, gained, half_second
 from gatjax.diagnosis.judge import Judge
+from gatjax.diagnosis.logged import signals
 from gatjax.diagnosis.signals import write_signals
 from gatjax.diagnosis.suitable import check_replay
 from gatjax.diagnosis.tolerances import USUAL, Tolerances
@@ -210,6 +211,8 @@ def _told(
     tell("measure", 0.6)
     beside = [{} for _ in case.runs] if data.floating else conditions(data.files.fit)
     said = result.told(verdict, beside, seed)
+    if not data.floating:
+        said["signals"] = signals(made, data.files.fit, data.logs, data.joints)
     out.mkdir(parents=True, exist_ok=True)
     (out / "diagnosis.json").unlink(missing_ok=True)
     fallback.withdraw(out)

@@ -67,10 +67,25 @@ def stretched(series: Sequence[np.ndarray], lead: int) -> np.ndarray:
     )
 
 
+class Replayed(NamedTuple):
+    """What a world does with the commands of a run, at its stamps, each [N, J]."""
+
+    angle: np.ndarray  # rad, as encoders report it
+    velocity: np.ndarray  # rad/s, of the links
+    torque: np.ndarray  # N m, of servos or motors
+
+
 def whole_log(
     world: World, runs: list[JointRun], values: Sequence[Values] = ()
 ) -> list[np.ndarray]:
-    """Open-loop predictions [N, J] rad at the stamps of runs.
+    """Open-loop predictions of the angles [N, J] rad of runs; see `replayed`."""
+    return [each.angle for each in replayed(world, runs, values)]
+
+
+def replayed(
+    world: World, runs: list[JointRun], values: Sequence[Values] = ()
+) -> list[Replayed]:
+    """Open-loop predictions of runs.
 
     They start at rest, at the first command; without servos, from the measured angle
     and speed. Where commands may get lost, they are means over draws. Each run has
@@ -95,16 +110,24 @@ def whole_log(
         replay_many(world, every, commands, qpos, qvel, noise, stiff)
         for noise in chance.draws(world, commands.shape)
     ]
-    angle = np.mean([each.reading.angle for each in drawn], axis=0)
+    means = [
+        np.mean(each, axis=0)
+        for each in zip(
+            *((one.reading.angle, one.velocity, one.torque) for one in drawn),
+            strict=True,
+        )
+    ]
     out = []
     for k, (run, cut) in enumerate(zip(runs, played, strict=True)):
         part = k, slice(lead, lead + len(cut.time))
-        series = angle[part]
+        down = np.zeros(len(cut.time), bool)
         if floats(world.model):
-            down = [fallen(np.asarray(each.up)[part]) for each in drawn]
-            series[np.any(down, axis=0)] = np.nan
+            down = np.any([fallen(np.asarray(one.up)[part]) for one in drawn], axis=0)
         stamps = run.time - run.time[0]
-        out.append(np.stack([np.interp(stamps, cut.time, s) for s in series.T], -1))
+        out.append(Replayed(*(
+            np.stack([np.interp(stamps, cut.time, s) for s in series.T], -1)
+            for series in (np.where(down[:, None], np.nan, m[part]) for m in means)
+        )))  # fmt: skip
     return out
 
 

@@ -41,12 +41,12 @@ def location_picture(joints: Sequence[Joint]) -> str:
 
 
 def signal_picture(rows: Sequence[dict[str, Any]]) -> str:
-    """Residual of inertial unit and feet in units of their noise."""
+    """Residuals of what is logged besides angles, in units of their noise."""
 
     def paint(axes: Axes) -> None:
         for place, row in enumerate(rows):
             nominal, rest, after = (
-                number_in(row, f"{name}_rms") / number_in(row, "noise")
+                number_in(row, f"{name}_rms") / (number_in(row, "noise") or math.nan)
                 for name in ("nominal", "tolerance", "extended")
             )
             axes.barh(place, nominal, height=0.62, color=NOMINAL, alpha=0.28, lw=0)

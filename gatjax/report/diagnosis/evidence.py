@@ -121,7 +121,7 @@ def location(diagnosis: Diagnosis) -> str:
 
 
 def _signals(diagnosis: Diagnosis) -> str:
-    """Residuals of inertial unit and feet, which only standing robots have."""
+    """Residuals of what is logged besides angles: speeds, torques, inertial unit."""
     rows = diagnosis.rows("signals")
     if not rows:
         return ""

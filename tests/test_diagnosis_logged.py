@@ -1,0 +1,59 @@
+"""Speeds and torques that a log holds beside its angles."""
+
+import numpy as np
+import pytest
+
+from gatjax.data.recording import Recording
+from gatjax.data.trajectories import JointRun, to_arrays
+from gatjax.diagnosis.logged import signals
+from gatjax.diagnosis.measure import replayed
+from gatjax.report.diagnosis.bars import signal_picture
+from gatjax.sim.world import add_cause, nominal
+from gatjax.task import Task
+
+MODEL = """
+<mujoco><option timestep="0.002"/><worldbody><body><joint name="a" axis="0 1 0"
+  armature="0.01" damping="0.4"/><geom size="0.05" pos="0 0 -0.15" mass="0.5"/></body>
+</worldbody><actuator><position joint="a" kp="20" kv="0.2"/></actuator></mujoco>"""
+TIME = 0.01 * np.arange(300)
+COMMAND = 0.6 * np.sin(5.0 * TIME)[:, None]
+
+
+@pytest.fixture
+def made(tmp_path):
+    """Worlds, and a log of the extended one with noise on its speed and torque."""
+    path = tmp_path / "arm.xml"
+    path.write_text(MODEL)
+    plain = nominal(Task(control_period=0.01), path)
+    slow = add_cause(plain, "viscous_friction", ["a"], {"coefficient": 1.0})
+    (seen,) = replayed(slow, [JointRun(0, TIME, COMMAND, 0.0 * COMMAND)])
+    noise = np.random.default_rng(0).normal(size=(2, 300))
+    columns = {
+        "command.a": COMMAND[:, 0], "position.a": seen.angle[:, 0],
+        "velocity.a": seen.velocity[:, 0] + 0.02 * noise[0],
+        "torque.a": seen.torque[:, 0] + 0.05 * noise[1],
+    }  # fmt: skip
+    log = Recording("x.parquet", TIME, np.zeros(300, int), columns, {})
+    return {"nominal": plain, "extended": slow}, log
+
+
+def test_what_is_left_of_speed_and_torque(made):
+    worlds, log = made
+    rows = signals(worlds, [log, log], 2 * to_arrays(log, ["a"]), ["a"])
+    assert [(row["name"], row["unit"]) for row in rows] == [
+        ("velocity.a", "rad/s"), ("torque.a", "N m")
+    ]  # fmt: skip
+    for row, noise in zip(rows, (0.02, 0.05), strict=True):
+        assert row["extended_rms"] == pytest.approx(noise, rel=0.1)
+        assert row["noise"] == pytest.approx(noise, rel=0.35)
+        assert row["nominal_rms"] > 3.0 * noise and row["tolerance_rms"] is None
+    assert "<svg" in signal_picture([*rows, rows[0] | {"noise": 0.0}])
+
+
+def test_what_one_file_lacks_is_not_shown(made):
+    worlds, log = made
+    less = {k: v for k, v in log.columns.items() if k != "torque.a"}
+    rows = signals(
+        worlds, [log, log._replace(columns=less)], 2 * to_arrays(log, ["a"]), ["a"]
+    )
+    assert [row["name"] for row in rows] == ["velocity.a"]
