@@ -5,9 +5,9 @@
 makes 40 cases of each kind (seeds 44001 to 44004) and diagnoses them. Ctrl-C keeps what
 is solved, and the same command goes on. It writes marks/44000.json, and scores.md with
 its pictures of all seeds in marks/ that were measured with the gatjax/ of the newest
-one: others are of another method. A large sample can so be made of several seeds, on several
-days and machines. A seed must be fresh: no case of it was looked at while the method
-was made, and the method stays as it is until the last one is solved.
+one: others are of another method. So a large sample can be made of several seeds, on
+several days and machines. A seed must be fresh: no case of it was looked at while the
+method was made, and the method stays as it is until the last one is solved.
 """
 
 from __future__ import annotations
