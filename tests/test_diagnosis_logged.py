@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from test_diagnosis_measure import COMMAND, MODEL, TIME
 
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import JointRun, to_arrays
@@ -10,13 +11,6 @@ from gatjax.diagnosis.measure import replayed
 from gatjax.report.diagnosis.bars import signal_picture
 from gatjax.sim.world import add_cause, nominal
 from gatjax.task import Task
-
-MODEL = """
-<mujoco><option timestep="0.002"/><worldbody><body><joint name="a" axis="0 1 0"
-  armature="0.01" damping="0.4"/><geom size="0.05" pos="0 0 -0.15" mass="0.5"/></body>
-</worldbody><actuator><position joint="a" kp="20" kv="0.2"/></actuator></mujoco>"""
-TIME = 0.01 * np.arange(300)
-COMMAND = 0.6 * np.sin(5.0 * TIME)[:, None]
 
 
 @pytest.fixture

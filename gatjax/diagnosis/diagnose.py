@@ -106,8 +106,7 @@ def given(source: str, files: Logs, seed: int) -> Given:
 
 def _limited(model: mujoco.MjModel, run: JointRun) -> JointRun:
     """A run with its commands as the actuators take them: within their ranges."""
-    free = model.actuator_ctrllimited == 0
-    low, high = np.where(free[:, None], [-np.inf, np.inf], model.actuator_ctrlrange).T
+    low, high = robot_model.command_range(model)
     return run._replace(command=np.clip(run.command, low, high))
 
 

@@ -213,6 +213,7 @@ def build(
     noise = noise_of(runs)
     grids = _grids(runs, moved, loads, supply_load(model, tree, moved, loads))
     at = np.stack([_padded(run.time - run.time[0], rows) for run in runs])
+    moving = [starts.underway(run) for run in runs]
     joints = []
     for index, name in enumerate(names):
         drive = nominal_drive(model, tree, index)
@@ -222,9 +223,9 @@ def build(
         grid = grids(index, drive["armature"])
         seen = np.stack([_padded(run.angle[:, index], rows) for run in runs])
         valid = np.zeros(seen.shape, bool)
-        for row, run in zip(valid, runs, strict=True):
+        for row, run, speed in zip(valid, runs, moving, strict=True):
             row[: len(run.time)] = _free(model, run, index)
-            if not drive["hold"] or starts.underway(run)[index]:
+            if not drive["hold"] or speed[index]:
                 row[: len(run.time)] &= ~starts.early(run)
         body = tree.body[index]
         mass, centre = float(model.body_mass[body]), model.body_ipos[body].copy()

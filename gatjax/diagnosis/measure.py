@@ -110,13 +110,8 @@ def replayed(
         replay_many(world, every, commands, qpos, qvel, noise, stiff)
         for noise in chance.draws(world, commands.shape)
     ]
-    means = [
-        np.mean(each, axis=0)
-        for each in zip(
-            *((one.reading.angle, one.velocity, one.torque) for one in drawn),
-            strict=True,
-        )
-    ]
+    series = [Replayed(one.reading.angle, one.velocity, one.torque) for one in drawn]
+    means = [np.mean(each, axis=0) for each in zip(*series, strict=True)]
     out = []
     for k, (run, cut) in enumerate(zip(runs, played, strict=True)):
         part = k, slice(lead, lead + len(cut.time))

@@ -228,8 +228,7 @@ def sentence(verdict: Verdict, rows: list[dict[str, Any]]) -> str:
         return f"The simulation {lacks} {every}, but {doubt}."
     parts = [f"the simulation lacks {sure}"] if sure else []
     if likely:
-        parts.append(f"it may lack {likely}" if sure else "the simulation may lack "
-                     f"{likely}")  # fmt: skip
+        parts.append(f"{'it' if sure else 'the simulation'} may lack {likely}")
     if doubtful:
         parts.append(f"{doubtful} would fit, but does not predict the held-out logs")
     text = f"something at {left} is wrong that no cause of the catalogue explains"

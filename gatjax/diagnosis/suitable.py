@@ -43,9 +43,10 @@ def check_model(model: mujoco.MjModel, path: Path) -> None:
             f"{path}: a connect or weld constraint closes a chain; gatjax diagnose "
             f"needs a tree: cut it open, or tie the joints by <equality><joint/>"
         )
-    curved = np.flatnonzero(ties(model)[2][:, 2:].any(axis=1))
-    if curved.size:
-        name = model.joint(int(ties(model)[0][curved[0]])).name
+    followers, _, polynomials = ties(model)
+    curved = polynomials[:, 2:].any(axis=1)
+    if curved.any():
+        name = model.joint(int(followers[curved][0])).name
         raise ValueError(
             f"{path}: joint {name!r} follows another one by a curve; gatjax diagnose "
             f"takes straight lines: give polycoef two numbers, offset and ratio"
@@ -119,14 +120,12 @@ def check_commands(model: mujoco.MjModel, recording: Recording) -> None:
 def check_ranges(model: mujoco.MjModel, recording: Recording) -> list[Finding]:
     """Commands beyond the control range of their actuators, of a checked recording."""
     found = []
-    for name, limited, (low, high) in zip(
-        robot_model.joint_names(model), model.actuator_ctrllimited,
-        model.actuator_ctrlrange, strict=True,
-    ):  # fmt: skip
+    names, ranges = robot_model.joint_names(model), robot_model.command_range(model)
+    for name, low, high in zip(names, *ranges, strict=True):
         column = f"command.{name}"
         values = recording.columns[column]
         out = np.flatnonzero((values < low - SLACK) | (values > high + SLACK))
-        if limited and out.size:
+        if out.size:
             text = (
                 f"{cell(recording, out[0], column)}: {values[out[0]]:.3g} lies beyond "
                 f"the ctrlrange {low:.3g} to {high:.3g} of the model's actuator "
@@ -171,7 +170,7 @@ def check_replay(
 
 def cautions(model: mujoco.MjModel) -> Iterator[str]:
     """What a user should know of a model that can be diagnosed, a line each."""
-    followers = ties(model)[0]
+    followers, _, _ = ties(model)
     driven = {*model.actuator_trnid[:, 0], *followers}
     free = [
         model.joint(k).name or f"number {k}"

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from gatjax.diagnosis import measure
+from gatjax.diagnosis import chance, measure
 from gatjax.diagnosis.findings import TOLERABLE
 from gatjax.diagnosis.measure import Errors
 from gatjax.diagnosis.verdict import Cause, Verdict, word
@@ -21,7 +21,6 @@ from gatjax.diagnosis.verdict import Cause, Verdict, word
 LEAVES = 0.2  # share of the error's power on another motion that a right cause leaves
 UNSURE = 0.7  # probability at most of one that leaves more
 REFUTED = 0.5  # the same where no gain is proven
-RANDOM = frozenset({"dropped_commands"})  # what it does to another motion is chance
 
 
 Pair = tuple[Errors, Errors]
@@ -101,12 +100,12 @@ def _left(
     Joints that lost commands do not count. None where neither model has errors there
     that noise would not excuse: the held-out logs do not show the cause.
     """
-    chance = {
-        k for each in verdict.causes if each.claim.hypothesis.cause in RANDOM
+    lossy = {
+        k for each in verdict.causes if each.claim.hypothesis.cause == chance.LOSS
         for k in each.claim.fits
     }  # fmt: skip
     before = after = excused = 0.0
-    for k in set(cause.claim.fits) - chance:
+    for k in set(cause.claim.fits) - lossy:
         nominal, extended = (float(e.rmse()[0]) ** 2 for e in errors(k))
         tolerated = (TOLERABLE * verdict.judge.joints[k].noise) ** 2
         before += nominal

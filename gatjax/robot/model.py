@@ -81,6 +81,13 @@ def servoed(model: mujoco.MjModel) -> bool:
     return bool((model.actuator_biasprm[:, 1] != 0.0).all())
 
 
+def command_range(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
+    """Lowest and highest command [J] of the actuators; infinite without a limit."""
+    free = model.actuator_ctrllimited == 0
+    low, high = np.where(free[:, None], [-np.inf, np.inf], model.actuator_ctrlrange).T
+    return low, high
+
+
 def check_walker(model: mujoco.MjModel, name: str) -> None:
     """Refuse a model that the walk is not made for.
 

@@ -10,6 +10,7 @@ from gatjax.effects.effect import Effect, chain
 from gatjax.effects.gear import encoder
 from gatjax.effects.joint import pull
 from gatjax.records import Drive, Signal
+from gatjax.robot.model import command_range
 from gatjax.sim.causes import GEAR
 from gatjax.sim.world import Values, World
 from gatjax.xp import namespace_of
@@ -111,14 +112,12 @@ class Actuation(NamedTuple):
 
 def actuation(world: World) -> Actuation:
     """Return the motor and joint effects of a world."""
-    model = world.model
-    limited = model.actuator_ctrllimited > 0
-    span = model.actuator_ctrlrange
+    low, high = command_range(world.model)
     return Actuation(
         motor=chain(**world.motor),
         joint=chain(**world.joint),
-        low=np.where(limited, span[:, 0], -np.inf),
-        high=np.where(limited, span[:, 1], np.inf),
+        low=low,
+        high=high,
         plain=not (world.motor or world.joint),
         torques=bool(world.joint),
         geared=GEAR in world.joint,

@@ -9,7 +9,7 @@ from gatjax import task as tasks
 from gatjax.motions import Limbs
 from gatjax.records import JOINTS
 from gatjax.robot import nao
-from gatjax.robot.model import joint_names, servoed, slots
+from gatjax.robot.model import command_range, joint_names, servoed, slots
 from gatjax.sim.episode import coupled
 from gatjax.walk.parameters import THETA0
 
@@ -68,9 +68,8 @@ def limbs_of(model: mujoco.MjModel) -> Limbs:
     low, high = np.where(
         model.jnt_limited[ids, None], model.jnt_range[ids], [-np.pi, np.pi]
     ).T
-    limited = model.actuator_ctrllimited.astype(bool)
-    low = np.where(limited, np.maximum(low, model.actuator_ctrlrange[:, 0]), low)
-    high = np.where(limited, np.minimum(high, model.actuator_ctrlrange[:, 1]), high)
+    least, most = command_range(model)
+    low, high = np.maximum(low, least), np.minimum(high, most)
     if names == JOINTS:
         home = tasks.pose(THETA0)
         speed = np.array([motor.no_load_speed for motor in nao.MOTORS])
