@@ -235,3 +235,6 @@ def test_period_of_logs_at_another_rate_does_not_run_away() -> None:
     run = JointRun(0, time, np.zeros((3000, 1)), np.zeros((3000, 1)))
     gap = run.part(np.r_[0:1000, 1050:3000])
     assert abs(control_period([run, gap]) - tick) * 3000 < 0.1 * tick
+    odd = 1.0 / 60.3  # stamps in whole ms: 17 more often than 16
+    run = run._replace(time=np.round(odd * np.arange(3000), 3))
+    assert abs(control_period([run]) - odd) * 3000 < 0.1 * odd
