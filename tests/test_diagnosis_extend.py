@@ -8,9 +8,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from gatjax.data.trajectories import JointRun
+from gatjax.diagnosis import measure
 from gatjax.diagnosis.bank import CAUSES
 from gatjax.diagnosis.claims import Claim
-from gatjax.diagnosis.extend import effects, parameters, world_values
+from gatjax.diagnosis.extend import effects, neutral, parameters, world_values
 from gatjax.diagnosis.hypotheses import Hypothesis
 from gatjax.diagnosis.joint import GRAVITY, Joint, Link
 from gatjax.diagnosis.judge import Judge
@@ -135,6 +137,37 @@ def test_a_late_command_is_a_delay_of_the_c_engine(tmp_path: Path) -> None:
         "lacks dead_band at turn: h", "delays are of MuJoCo C, in",
     ]  # fmt: skip
     assert lacking(world) == ["dead_band at turn: half_width 0.01"]
+
+
+CORRECTED = {
+    "armature": 0.002, "command_delay": 0.004, "coulomb_friction": 0.03,
+    "damping_error": 0.8, "encoder_offset": 0.02, "gain_error": 1.1,
+    "torque_limit": 2.0, "viscous_friction": 0.05,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("cause", ["stiction", "backlash", "command_delay"])
+def test_neutral_calibration_changes_nothing_in_the_same_batch(tmp_path, cause):
+    values = {CATALOGUE[cause].main.name: 0.05}
+    world = add_cause(arm(tmp_path), cause, ["lift"], values)
+    rows = [
+        {"cause": name, "where": [joint], "role": "calibration",
+         "values": {CATALOGUE[name].main.name: value}}
+        for name, value in CORRECTED.items() for joint in ("lift", "turn")
+    ]  # fmt: skip
+    pair = [world, world]
+    for k, some in enumerate((neutral(rows), rows)):
+        for row in some:
+            place = row["cause"], row["where"], row["values"], row["role"]
+            pair[k] = add_cause(pair[k], *place)
+    time = 0.01 * np.arange(100)
+    command = 0.6 * np.sin(5.0 * time)[:, None] * np.ones(3)
+    run = JointRun(0, time, command, 0.0 * command)
+    both = measure.whole_log(pair[0], [run, run], [each.values for each in pair])
+    (plain,), (corrected,) = (measure.whole_log(w, [run]) for w in (world, pair[1]))
+    np.testing.assert_allclose(both[0], plain, atol=1e-9)
+    np.testing.assert_allclose(both[1], corrected, atol=1e-9)
+    assert np.abs(corrected - plain)[:, :2].max(0).min() > 0.01
 
 
 FEET = """

@@ -15,12 +15,12 @@ LOSS = "dropped_commands"
 DRAWS, SEED = 8, 0
 
 
-def draws(world: World, shape: Sequence[int]) -> list[np.ndarray | None]:
-    """Unit draws [B, T, J] of the command effects, for commands of that shape.
+def draws(world: World, shape: Sequence[int]) -> np.ndarray:
+    """Unit draws [D, B, T, J] of the command effects, for commands of that shape.
 
-    One None if the world loses no commands. A lost message is one to all joints.
+    One of zeros if the world loses no commands. A lost message is one to all joints.
     """
     if all(row["cause"] != LOSS for row in world.causes):
-        return [None]
+        return np.zeros((1, *shape))
     drawn = np.random.default_rng(SEED).normal(size=(DRAWS, *shape[:2], 1))
-    return list(np.broadcast_to(drawn, (DRAWS, *shape)))
+    return np.broadcast_to(drawn, (DRAWS, *shape))

@@ -140,7 +140,7 @@ def diagnose(
     made = {"nominal": worlds.nominal(task, source, extend.TIMESTEP)}
     pairs = {}
     if not data.floating:
-        pairs["nominal"] = _predicted(made["nominal"], data)
+        (pairs["nominal"],) = _predicted(data, [made["nominal"]])
         for part, runs, angles in zip(
             files[:2], (data.logs, data.unseen), pairs["nominal"], strict=True
         ):
@@ -150,7 +150,7 @@ def diagnose(
     tell("extend", 0.0)
     if data.floating:  # what it logged upright
         data = data._replace(logs=verdict.judge.case.runs)
-        pairs["nominal"] = _predicted(made["nominal"], data)
+        (pairs["nominal"],) = _predicted(data, [made["nominal"]])
     made["extended"], pairs["extended"] = _extended(verdict, data)
     if data.unseen and not data.floating:
         verdict = _borne_out(verdict, data, made, pairs)
@@ -251,20 +251,29 @@ def _made_by(source: str, seed: int, allowed: Tolerances) -> dict[str, Any]:
 def _extended(verdict: Verdict, data: Given) -> tuple[World, Predicted]:
     """The extended world and its predictions.
 
-    The calibration is in it if that predicts the fit logs better.
+    The calibration is in it if that predicts the fit logs better. Worlds with it and
+    with neutral numbers in its place are of one structure: one batch plays both.
     """
-    tried = []
-    for rows in ([], extend.calibration(verdict)):
-        world = extend.extended(verdict, data.source, data.period, rows)
-        tried.append((world, _predicted(world, data)))
-    lost = [sum(np.isnan(rows).sum() for rows in each[0]) for _, each in tried]
-    pair = {str(k): each[0] for k, (_, each) in enumerate(tried)}
+    rows = extend.calibration(verdict)
+    tried = [
+        extend.extended(verdict, data.source, data.period, some)
+        for some in ((extend.neutral(rows), rows) if rows else ([],))
+    ]
+    told = _predicted(data, tried)
+    lost = [sum(np.isnan(angles).sum() for angles in fit) for fit, _ in told]
+    pair = {str(k): fit for k, (fit, _) in enumerate(told)}
     errors = measure.log_errors(data.logs, pair)
     size = [error.squared.sum() for error in errors.values()]
-    return min(zip(lost, size, tried, strict=True), key=lambda row: row[:2])[2]
+    best = min(range(len(tried)), key=lambda k: (lost[k], size[k]))
+    if best == 0 and rows:
+        return extend.extended(verdict, data.source, data.period, []), told[0]
+    return tried[best], told[best]
 
 
-def _predicted(world: World, data: Given) -> Predicted:
-    """Open-loop predictions of the fit and the held-out runs."""
-    both = measure.whole_log(world, [*data.logs, *data.unseen])
-    return both[: len(data.logs)], both[len(data.logs) :]
+def _predicted(data: Given, worlds: Sequence[World]) -> list[Predicted]:
+    """Open-loop predictions by worlds of one structure."""
+    runs = [*data.logs, *data.unseen]
+    values = [world.values for world in worlds for _ in runs]
+    played = measure.whole_log(worlds[0], runs * len(worlds), values)
+    parts = [played[k : k + len(runs)] for k in range(0, len(played), len(runs))]
+    return [(part[: len(data.logs)], part[len(data.logs) :]) for part in parts]

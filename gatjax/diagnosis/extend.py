@@ -128,6 +128,15 @@ def calibration(verdict: Verdict) -> list[Row]:
     return sorted(rows, key=lambda row: row["cause"])  # so that they share effects
 
 
+def neutral(rows: list[Row]) -> list[Row]:
+    """Rows of calibration that change nothing, for a world of the same structure."""
+    return [
+        row
+        | {"values": {name: CATALOGUE[row["cause"]].neutral for name in row["values"]}}
+        for row in rows
+    ]
+
+
 def extended(
     verdict: Verdict, source: str | Path, period: float, rows: list[Row]
 ) -> World:

@@ -8,6 +8,7 @@ compared robots on, rows count for none of them.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax
@@ -20,6 +21,7 @@ from gatjax.diagnosis import chance
 from gatjax.grounding.gat import learn_forward, next_angle
 from gatjax.grounding.network import Network
 from gatjax.grounding.transitions import HISTORY
+from gatjax.records import Played
 from gatjax.robot.model import servoed, slots
 from gatjax.sim.episode import coupled_speed
 from gatjax.sim.limbs import floats, put_down
@@ -96,34 +98,54 @@ def replayed(
     lead = round(SETTLE / period) if follows else 0
     played = [ticked(run, period) for run in runs]
     commands, stiff = stretched([run.command for run in played], lead), None
+    own = [replace(world, values=v) for v in values] or [world] * len(runs)
     if any(run.stiffness is not None for run in runs):
-        world = stiffened(world)
+        world, own = stiffened(world), [stiffened(each) for each in own]
         stiff = stretched([run.stiff for run in played], lead)
-    every = stacked(values or [world.values] * len(runs))
+    every = stacked([each.values for each in own])
     qpos = np.stack([put_down(world.model, command[0]) for command in commands])
     qvel = np.zeros((len(runs), world.model.nv))
     if not follows:
         angles = np.stack([run.angle[0] for run in runs])
         speeds = np.stack([_speed(run, slice(BACK), 0) for run in runs])
         qpos, qvel = _started(world, Native(world), angles, speeds)
-    drawn = [
-        replay_many(world, every, commands, qpos, qvel, noise, stiff)
-        for noise in chance.draws(world, commands.shape)
-    ]
-    series = [Replayed(one.reading.angle, one.velocity, one.torque) for one in drawn]
-    means = [np.mean(each, axis=0) for each in zip(*series, strict=True)]
+    drawn = _drawn(world, every, commands, qpos, qvel, stiff)
+    series = drawn.reading.angle, drawn.velocity, drawn.torque
+    means = [each.mean(0) for each in series]
     out = []
     for k, (run, cut) in enumerate(zip(runs, played, strict=True)):
         part = k, slice(lead, lead + len(cut.time))
         down = np.zeros(len(cut.time), bool)
         if floats(world.model):
-            down = np.any([fallen(np.asarray(one.up)[part]) for one in drawn], axis=0)
+            leans = fallen(np.asarray(drawn.up)[:, *part])
+            down = np.logical_or.reduce(leans)
         stamps = run.time - run.time[0]
         out.append(Replayed(*(
             np.stack([np.interp(stamps, cut.time, s) for s in series.T], -1)
             for series in (np.where(down[:, None], np.nan, m[part]) for m in means)
         )))  # fmt: skip
     return out
+
+
+def _drawn(
+    world: World, values: Values, commands: np.ndarray, qpos: np.ndarray,
+    qvel: np.ndarray, stiffness: np.ndarray | None,
+) -> Played:  # fmt: skip
+    """What `replay_many` gives for runs [B, ...], with every draw: [D, B, ...]."""
+    noise = chance.draws(world, commands.shape)
+    count = noise.shape[:2]
+
+    def each(rows: np.ndarray) -> np.ndarray:
+        drawn = np.broadcast_to(rows, (count[0], *np.shape(rows)))
+        return drawn.reshape(-1, *drawn.shape[2:])
+
+    every = jax.tree.map(each, values)
+    stiff = None if stiffness is None else each(stiffness)
+    draw = noise.reshape(-1, *noise.shape[2:])
+    played = replay_many(
+        world, every, each(commands), each(qpos), each(qvel), draw, stiff
+    )
+    return jax.tree.map(lambda a: np.reshape(a, (*count, *np.shape(a)[1:])), played)
 
 
 def fallen(up: np.ndarray) -> np.ndarray:

@@ -27,7 +27,7 @@ def pull(drive: Drive) -> Array:
     xp, servo = namespace_of(drive.angle, drive.target), drive.servo
     error = drive.target - servo.hold * drive.angle
     free = servo.gain * error - servo.damping * drive.velocity
-    return xp.clip(free, servo.low, servo.high)
+    return xp.minimum(xp.maximum(free, servo.low), servo.high)
 
 
 def _rubbed(drive: Drive, torque: Array) -> Drive:
