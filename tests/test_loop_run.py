@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from gatjax import loop, runs
+from gatjax.loop import stages
 from gatjax.report import build_report
 from gatjax.settings import LoopSettings, SearchSettings
 from gatjax.sim.world import add_cause, nominal
@@ -22,13 +23,23 @@ SETTINGS = LoopSettings(
 )
 
 
+SHORT = Task(duration=2.0)  # what a run leaves does not hang on how long walks are
+
+
+@pytest.fixture(scope="module", autouse=True)
+def short():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stages, "task_at", lambda rate_hz: SHORT)
+        yield
+
+
 class Late(loop.Simulator):
     """A robot that answers late: quick to simulate, different from the simulator."""
 
     name = "late"
 
     def __init__(self):
-        super().__init__(add_cause(nominal(Task()), "command_delay", ["all"], 0.03))
+        super().__init__(add_cause(nominal(SHORT), "command_delay", ["all"], 0.03))
 
 
 @pytest.fixture(scope="module")

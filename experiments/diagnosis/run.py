@@ -4,10 +4,11 @@
 
 makes 40 cases of each kind (seeds 44001 to 44004) and diagnoses them. Ctrl-C keeps what
 is solved, and the same command goes on. It writes marks/44000.json, and scores.md with
-its pictures of all seeds in marks/ that were measured with the gatjax/ of the newest
-one: others are of another method. So a large sample can be made of several seeds, on
-several days and machines. A seed must be fresh: no case of it was looked at while the
-method was made, and the method stays as it is until the last one is solved.
+its pictures of all seeds in marks/ that were measured with the method of the newest
+one: no file differs that `gatjax.diagnosis`, the cases or the marks import. So a large
+sample can be made of several seeds, on several days and machines. A seed must be fresh:
+no case of it was looked at while the method was made, and the method stays as it is
+until the last one is solved.
 """
 
 from __future__ import annotations
@@ -15,8 +16,11 @@ from __future__ import annotations
 import argparse
 import math
 import subprocess
+from functools import cache
 from pathlib import Path
 from typing import Any
+
+import grimp
 
 from gatjax.benchmark import figures, tables
 from gatjax.benchmark.cases import read_cases
@@ -30,6 +34,10 @@ KINDS = ("single", "pair", "null", "outside")
 ROBOTS = ("arm_servo", "arm_two", "leg_six", "quad_hung")
 STOPPED = (-2, -15, 130)  # exit codes of what Ctrl-C ended
 LEAST = "3"  # visibility d that effects aim at
+METHOD = (  # and whatever these import
+    "gatjax.diagnosis.diagnose", "gatjax.diagnosis.suitable", "gatjax.data.checks",
+    "gatjax.benchmark.marks", "gatjax.surrogate.hidden.answers",
+)  # fmt: skip
 
 
 def git(*words: str) -> str:
@@ -40,16 +48,31 @@ def git(*words: str) -> str:
     ).stdout.strip()
 
 
+@cache
+def parts() -> tuple[str, ...]:
+    """Files that decide what a diagnosis says and how it is marked."""
+    graph = grimp.build_graph("gatjax")
+    names = {*METHOD}.union(*map(graph.find_upstream_modules, METHOD))
+    paths = [name.replace(".", "/") for name in names]
+    files = [path + end for path in paths for end in (".py", "/__init__.py")]
+    return tuple(f":/{path}" for path in (*sorted(files), "gatjax/surrogate/hidden"))
+
+
+def method(commit: str) -> str:
+    """The method of a commit: its files and their contents."""
+    return git("ls-tree", "-r", "--full-tree", commit, "--", *(p[2:] for p in parts()))
+
+
 def frozen(out: Path) -> str:
     """The commit that is measured: the one that a folder began with, and no change."""
-    if git("status", "--porcelain", ":/gatjax"):
-        raise SystemExit("gatjax/ has changes that are not committed; commit them")
+    if changed := git("status", "--porcelain", *parts()):
+        raise SystemExit(f"commit these first: {changed}")
     commit, file = git("rev-parse", "HEAD"), out / "commit.json"
     if not file.is_file():
         out.mkdir(parents=True, exist_ok=True)
         write_json(file, {"commit": commit})
     first = read_json(file)["commit"]
-    if git("diff", "--name-only", first, "HEAD", "--", ":/gatjax"):
+    if method(first) != method("HEAD"):
         raise SystemExit(f"{out} was begun at {first}; check that out to go on")
     return first
 
@@ -91,9 +114,7 @@ def kept(file: Path) -> list[Mark]:
 def draw() -> str:
     """Write the scores of the newest method, and their pictures; the scores as text."""
     files = sorted((HERE / "marks").glob("*.json"))
-    methods = [
-        git("rev-parse", f"{read_json(file)['commit']}:gatjax") for file in files
-    ]
+    methods = [method(read_json(file)["commit"]) for file in files]
     newest = [f for f, m in zip(files, methods, strict=True) if m == methods[-1]]
     every: list[Any] = [row for file in newest for row in kept(file)]
     text = tables.document({"gatjax": every})
