@@ -11,8 +11,8 @@ Teeth that strike multiply rounding: in the mix `motor`, policies times 1 + 1e-1
 1e-7 apart in cost and 4e-3 rad in a joint, in all other mixes 1e-12 and 6e-11 rad.
 There the backends are compared over the first 0.6 s, and to 2e-4 in cost.
 
-Compiling for mjx takes 40 s. This file compiles three programs, and tests whatever it
-can by other values in the first of them.
+Compiling for mjx takes 40 s. This file compiles two programs, and tests whatever it can
+by other values in the first of them; test_loop_mjx compiles a world without causes.
 """
 
 import jax
@@ -238,15 +238,14 @@ def test_replay_obeys_the_effects(native, recorded):
 # The bare world, and batches of policies and keys
 
 
-def test_mjx_outcome_of_the_bare_world_agrees_with_native(policies, keys):
-    """Without effects, C plays a whole control tick in one call."""
+def test_without_effects_c_plays_whole_ticks_and_the_same(policies, keys):
     world = nominal(TASK)
-    first = prepare(world).outcome(world.values, policies, keys)
-    backend = prepare(world, "mjx")
-    assert backend.compiled
-    second = backend.outcome(world.values, policies, keys)
+    stepped = add_cause(world, "command_delay", ["all"], 0.0)
+    first, second = (
+        prepare(each).outcome(each.values, policies, keys) for each in (world, stepped)
+    )
     np.testing.assert_allclose(second.cost, first.cost, rtol=0, atol=1e-5)
-    np.testing.assert_array_equal(np.asarray(second.ok), first.ok)
+    np.testing.assert_array_equal(second.ok, first.ok)
     np.testing.assert_array_equal(np.isinf(second.fell_at), np.isinf(first.fell_at))
 
 

@@ -45,11 +45,13 @@ CAUSES = {  # a value of every cause that a walking robot can bear
     "ground_compliance": 0.03, "sole_geometry": 0.001,
 }  # fmt: skip
 LEGS = ["LKneePitch", "RKneePitch", "LAnkleRoll", "RAnkleRoll"]
-CLOSED = [  # each compiles a control loop of its own
-    "command_delay", "first_order_lag", "speed_limit", "torque_limit",
-    "coulomb_friction", "viscous_friction", "gain_error", "backlash", "dead_band",
+CLOSED = [  # some of each slot: each compiles a control loop of its own
+    "command_delay",
+    "torque_limit",
+    "viscous_friction",
+    "dead_band",
     "command_noise",
-]  # fmt: skip
+]
 
 
 def where(name, joints=("all",)):

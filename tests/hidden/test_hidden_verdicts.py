@@ -9,7 +9,8 @@ from gatjax.diagnosis.diagnose import Logs, diagnose
 from gatjax.surrogate.hidden import write_cases
 
 # Seeds are the first ones, counted from 1, whose effects have a visibility of 3 or
-# more: that is where the diagnosis promises to name them; backlash is the README's.
+# more: that is where the diagnosis promises to name them. Backlash, which takes
+# longest, is what test_docs_notebook hides.
 CASES = {
     "dead_band": (4, "arm_servo", {"mix": {"single": 1.0}, "causes": ["dead_band"]}),
     "gain_error": (1, "arm_servo", {"mix": {"single": 1.0}, "causes": ["gain_error"]}),
@@ -18,7 +19,6 @@ CASES = {
         "arm_two",
         {"mix": {"single": 1.0}, "causes": ["viscous_friction"]},
     ),
-    "backlash": (3, "arm_servo", {"mix": {"single": 1.0}, "causes": ["backlash"]}),
     "null": (1, "arm_servo", {"mix": {"null": 1.0}}),
     "outside": (1, "arm_servo", {"mix": {"outside": 1.0}}),
 }
