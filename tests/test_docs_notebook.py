@@ -1,3 +1,4 @@
+import json
 import pathlib
 import re
 
@@ -53,6 +54,15 @@ def test_diagnosis_names_what_was_hidden(folder):
     assert "named - The simulation lacks backlash" in text
     assert "backlash ['servo']" in text.splitlines()[-1]
     assert (folder / "found" / "report.html").is_file()
+    told = json.loads((folder / "found" / "diagnosis.json").read_text())
+    truth = json.loads((folder / "hidden" / "answers.json").read_text())["cases"][0]
+    width, true = (each["causes"][0]["parameters"]["width"] for each in (told, truth))
+    assert width["value"] == pytest.approx(true["value"], rel=0.25)
+    assert width["low"] < width["value"] < width["high"]
+    gain = told["gain"]
+    share = 1.0 - gain["after"] / gain["before"]
+    assert share > 0.5 * truth["oracle"]["gain"]
+    assert gain["noise_floor"] < gain["after"]
 
 
 def test_a_failing_cell_fails(folder):

@@ -45,13 +45,9 @@ CAUSES = {  # a value of every cause that a walking robot can bear
     "ground_compliance": 0.03, "sole_geometry": 0.001,
 }  # fmt: skip
 LEGS = ["LKneePitch", "RKneePitch", "LAnkleRoll", "RAnkleRoll"]
-CLOSED = [  # some of each slot: each compiles a control loop of its own
-    "command_delay",
-    "torque_limit",
-    "viscous_friction",
-    "dead_band",
-    "command_noise",
-]
+CLOSED = [  # some of motor, body, gear and command: each compiles its control loop
+    "command_delay", "dead_band", "torque_limit", "backlash", "command_noise",
+]  # fmt: skip
 
 
 def where(name, joints=("all",)):

@@ -42,7 +42,7 @@ METHOD = (  # and whatever these import
 
 def git(*words: str) -> str:
     """What git says here."""
-    command = ["git", "-C", str(HERE), *words]
+    command = ["git", "-C", str(HERE.parents[1]), *words]
     return subprocess.run(
         command, capture_output=True, text=True, check=True
     ).stdout.strip()
@@ -55,17 +55,17 @@ def parts() -> tuple[str, ...]:
     names = {*METHOD}.union(*map(graph.find_upstream_modules, METHOD))
     paths = [name.replace(".", "/") for name in names]
     files = [path + end for path in paths for end in (".py", "/__init__.py")]
-    return tuple(f":/{path}" for path in (*sorted(files), "gatjax/surrogate/hidden"))
+    return (*sorted(files), "gatjax/surrogate/hidden")
 
 
 def method(commit: str) -> str:
     """The method of a commit: its files and their contents."""
-    return git("ls-tree", "-r", "--full-tree", commit, "--", *(p[2:] for p in parts()))
+    return git("ls-tree", "-r", commit, "--", *parts())
 
 
 def frozen(out: Path) -> str:
     """The commit that is measured: the one that a folder began with, and no change."""
-    if changed := git("status", "--porcelain", *parts()):
+    if changed := git("status", "--porcelain", "--", *parts()):
         raise SystemExit(f"commit these first: {changed}")
     commit, file = git("rev-parse", "HEAD"), out / "commit.json"
     if not file.is_file():
