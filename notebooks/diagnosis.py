@@ -34,6 +34,7 @@ from gatjax.diagnosis.case import held, prepare
 from gatjax.diagnosis.diagnose import Logs, control_period, cut, diagnose
 from gatjax.diagnosis.hypotheses import TOLERANCES
 from gatjax.diagnosis.judge import Judge
+from gatjax.diagnosis.start import Start
 from gatjax.report.diagnosis import write_report
 from gatjax.robot import model as robots
 from gatjax.sim.backend import use_compile_cache
@@ -105,7 +106,7 @@ for claim in claims[:5]:
 
 # %%
 out = Path("found")
-found = diagnose(source, Logs(fit, unseen), out, 0, quiet)
+found = diagnose(Start(source), Logs(fit, unseen), out, 0, quiet)
 print(found["verdict"], "-", found["sentence"])
 for row in found["causes"]:
     for name, value in row["parameters"].items():

@@ -5,7 +5,7 @@ import pytest
 
 from gatjax.cli import main
 from gatjax.cli.arguments import Diagnose, parse
-from gatjax.cli.diagnosis import read_logs
+from gatjax.cli.diagnosis import read_given
 from gatjax.cli.found import gain_lines, named_lines
 from gatjax.data.recording import Recording, write_recording
 from gatjax.diagnosis.diagnose import given as given_logs
@@ -61,7 +61,7 @@ def refused(capsys, *arguments):
 def test_good_logs_are_taken(given, tmp_path):
     robot, fit, held = given
     words = ["--model", robot, "--data", fit, "--held-out", held, "--out", "x"]
-    logs = read_logs(parse(["diagnose", *words]))
+    _, logs = read_given(parse(["diagnose", *words]))
     assert [r.name for r in logs.fit + logs.held] == [fit, held]
     assert {row["file"] for row in logs.checks} <= {fit, held}
 
@@ -70,7 +70,9 @@ def test_commands_that_the_model_clips_are_told(given, tmp_path):
     _, fit, _ = given
     narrow = SERVO.replace("<position", '<position ctrlrange="-0.5 0.5"')
     robot = model(tmp_path / "narrow.xml", narrow, "")
-    logs = read_logs(parse(["diagnose", "--model", robot, "--data", fit, "--out", "x"]))
+    _, logs = read_given(
+        parse(["diagnose", "--model", robot, "--data", fit, "--out", "x"])
+    )
     texts = [row["text"] for row in logs.checks if row["check"] == "limits"]
     assert any("lies beyond the ctrlrange -0.5 to 0.5" in text for text in texts)
     (run,) = given_logs(robot, logs, 0).logs

@@ -26,6 +26,7 @@ from gatjax.diagnosis.hypotheses import COUNT, numbers
 from gatjax.diagnosis.joint import STEP
 from gatjax.diagnosis.loads import Tree
 from gatjax.diagnosis.motion import FINE, grid_time
+from gatjax.diagnosis.start import Start
 from gatjax.sim.limbs import put_down
 from gatjax.sim.world import add_cause, read_world
 from gatjax.task import Task
@@ -245,7 +246,11 @@ def test_a_weak_hip_of_a_standing_robot_is_named(
     run, channels = logged(model, "gain_error", "LHip", {"scale": 0.5})
     log = recorded(run, channels)
     found = diagnose(
-        str(tmp_path / "robot.xml"), Logs([log], [log]), tmp_path / "out", 0, silent
+        Start(str(tmp_path / "robot.xml")),
+        Logs([log], [log]),
+        tmp_path / "out",
+        0,
+        silent,
     )
     assert found["verdict"] == "named"
     (cause,) = found["causes"]
@@ -263,7 +268,7 @@ def test_positions_alone_of_a_healthy_robot_are_enough(
     (tmp_path / "robot.xml").write_text(XML)
     log = recorded(logged(model)[0], {})
     found = diagnose(
-        str(tmp_path / "robot.xml"), Logs([log], []), tmp_path / "out", 0, silent
+        Start(str(tmp_path / "robot.xml")), Logs([log], []), tmp_path / "out", 0, silent
     )
     assert (found["verdict"], found["causes"]) == ("none", [])
 

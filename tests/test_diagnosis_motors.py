@@ -5,7 +5,7 @@ import pytest
 
 from gatjax.cli import main
 from gatjax.cli.arguments import parse
-from gatjax.cli.diagnosis import read_logs
+from gatjax.cli.diagnosis import read_given
 from gatjax.data.mapping import column_map, resolve, to_si
 from gatjax.data.readers.assemble import joined
 from gatjax.data.recording import Recording, read_recording, write_recording
@@ -13,6 +13,7 @@ from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import measure
 from gatjax.diagnosis.case import held, unfitted
 from gatjax.diagnosis.diagnose import Logs, given
+from gatjax.diagnosis.start import Start
 from gatjax.sim.limbs import limbs_of
 from gatjax.sim.world import add_cause, nominal
 from gatjax.task import Task
@@ -167,7 +168,7 @@ def test_commands_beyond_the_range_of_a_motor_are_taken_as_the_motor_takes_them(
 ):
     motor = MOTOR.replace("/>", ' ctrllimited="true" ctrlrange="-0.1 0.1"/>')
     log = read_recording(write(tmp_path / "x.parquet", command_unit="V"))
-    case = given(str(arm(tmp_path, motor, motor)), Logs([log], []), 0)
+    case = given(Start(str(arm(tmp_path, motor, motor))), Logs([log], []), 0)
     assert np.abs(case.logs[0].command).max() == pytest.approx(0.1)
 
 
@@ -199,4 +200,4 @@ def test_motors_may_turn_on_and_on(tmp_path):
     log.columns["position.a"][:] += 30.0
     write_recording(path, log)
     words = ["--model", str(arm(tmp_path)), "--data", str(path), "--out", "o"]
-    assert read_logs(parse(["diagnose", *words])).fit[0].metadata["command_unit"]
+    assert read_given(parse(["diagnose", *words]))[1].fit[0].metadata["command_unit"]

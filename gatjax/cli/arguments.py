@@ -93,8 +93,11 @@ class Diagnose:
     Good logs are lively: gatjax collect --motion rich records one.
     """
 
-    model: Path
+    model: Path | None = None
     """Robot file (MJCF) to diagnose: its base fixed, or standing on its floor."""
+    world: Path | None = None
+    """world.json of an earlier diagnosis, instead of --model: what it knows of the
+    robot is taken for known, and only what is wrong besides is named."""
     data: tuple[Path, ...]
     """Recordings to explain, .parquet or .csv; several after one --data."""
     held_out: tuple[Path, ...] = ()

@@ -22,6 +22,7 @@ from gatjax.data.recording import (
     read_recording,
 )
 from gatjax.diagnosis.diagnose import Logs, diagnose
+from gatjax.diagnosis.start import Start, known
 from gatjax.diagnosis.suitable import (
     cautions,
     check_commands,
@@ -38,7 +39,7 @@ WRITTEN = ("extended.xml", "signals.parquet")  # that could be taken for an inpu
 SAME_RATE = 1.05  # longest over shortest median period of the files
 
 
-def read_logs(verb: Diagnose) -> Logs:
+def read_given(verb: Diagnose) -> tuple[Start, Logs]:
     """Read and check everything that a diagnosis takes.
 
     Raises:
@@ -47,8 +48,9 @@ def read_logs(verb: Diagnose) -> Logs:
     """
     if not verb.data:
         raise ValueError("--data names no file; give at least one recording")
-    model = robot_model.load(verb.model)
-    check_model(model, verb.model)
+    start = _start(verb)
+    model = start.model()
+    check_model(model, Path(start.source))
     _check_files(verb)
     joints = robot_model.joint_names(model)
     ranges = {
@@ -71,10 +73,20 @@ def read_logs(verb: Diagnose) -> Logs:
     found = [*fit_found, *held_found]
     rows = checks.summary(list(zip([*fit, *held], found, strict=True)))
     model_rows = [
-        {"file": str(verb.model), "level": "warning", "check": "model", "text": text}
+        {"file": start.source, "level": "warning", "check": "model", "text": text}
         for text in cautions(model)
     ]
-    return Logs(fit, held, [*model_rows, *rows])
+    return start, Logs(fit, held, [*model_rows, *rows])
+
+
+def _start(verb: Diagnose) -> Start:
+    """A model, or a world with what is known besides."""
+    if (verb.model is None) == (verb.world is None):
+        raise ValueError(
+            "give --model robot.xml, or --world world.json of an earlier diagnosis "
+            "to look for what that does not explain"
+        )
+    return known(verb.world) if verb.world else Start(str(verb.model))
 
 
 def _checked(
@@ -112,7 +124,8 @@ def _check_files(verb: Diagnose) -> None:
             if path.resolve() in seen:
                 raise ValueError(f"{path}: is named twice after {flag}; name it once")
             seen.add(path.resolve())
-    for path in (verb.model, *verb.data, *verb.held_out):
+    model = () if verb.model is None else (verb.model,)
+    for path in (*model, *verb.data, *verb.held_out):
         if path.parent.resolve() == verb.out.resolve() and path.name in WRITTEN:
             raise ValueError(
                 f"{path}: --out {verb.out} would write over it; choose another folder"
@@ -130,7 +143,7 @@ def _check_rates(logs: Sequence[Recording]) -> None:
         )
 
 
-def explain(verb: Diagnose, logs: Logs) -> None:
+def explain(verb: Diagnose, start: Start, logs: Logs) -> None:
     """Diagnose, write the folder and say what was found."""
     own = verb.tolerances
     allowed = USUAL if own is None else read_tolerances(own)
@@ -139,7 +152,7 @@ def explain(verb: Diagnose, logs: Logs) -> None:
             print(f"warning: {row['text']}", file=sys.stderr)
     with shown(1.0) as progress:
         tell = staged(progress)
-        found = diagnose(str(verb.model), logs, verb.out, verb.seed, tell, allowed)
+        found = diagnose(start, logs, verb.out, verb.seed, tell, allowed)
     report = write_report(verb.out)
     print("\n".join(said(found, verb.out, report)))
 

@@ -236,13 +236,13 @@ def bench(verb: verbs.Bench) -> None:
 @act.register
 def diagnose(verb: verbs.Diagnose) -> None:
     """Say what a simulation gets wrong."""
-    from gatjax.cli.diagnosis import explain, read_logs
+    from gatjax.cli.diagnosis import explain, read_given
 
     check_least(0, seed=verb.seed)
     use_compile_cache()
-    logs_of_robot = read_logs(verb)
+    start, logs_of_robot = read_given(verb)
     runs.make_folder(verb.out)
-    explain(verb, logs_of_robot)
+    explain(verb, start, logs_of_robot)
 
 
 @act.register

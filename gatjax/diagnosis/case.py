@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -48,6 +48,11 @@ class Base(Protocol):
         """Whether fits of the tolerances alone change the loads."""
         ...
 
+    @property
+    def assumed(self) -> Sequence[joints.Assumed]:
+        """What is known of each joint besides the model; () if nothing is."""
+        ...
+
     def weigh(
         self, known: list[Joint], fits: list[Fit]
     ) -> tuple[list[motions.Motion], list[weights.Loads]]:
@@ -63,6 +68,7 @@ class Held(NamedTuple):
     others: list[mujoco.MjModel]  # drawn from the tolerances of bodies and mounting
     allowed: Tolerances = USUAL
     follows: bool = True
+    assumed: Sequence[joints.Assumed] = ()
 
     def weigh(
         self, known: list[Joint], fits: list[Fit]
@@ -78,13 +84,16 @@ class Held(NamedTuple):
 
 def held(
     model: mujoco.MjModel, runs: list[JointRun], seed: int,
-    allowed: Tolerances = USUAL,
+    allowed: Tolerances = USUAL, assumed: Sequence[joints.Assumed] = (),
 ) -> Held:  # fmt: skip
-    """A robot with servos or motors on hinges, its base fixed."""
+    """A robot with servos or motors on hinges, its base fixed.
+
+    `assumed` says what is known of each joint besides the model; nothing if left out.
+    """
     draw = np.random.default_rng(seed)
     others = [weights.perturbed(model, allowed, draw) for _ in range(weights.DRAWS)]
     tree = weights.Tree(model, model.actuator_trnid[:, 0])
-    return Held(tree, runs, others, allowed)
+    return Held(tree, runs, others, allowed, assumed=assumed)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -180,7 +189,14 @@ def unfitted(base: Base, runs: list[JointRun]) -> Case:
     moved, loads = base.weigh([], [])
     names = joint_names(base.tree.model)
     ready = joints.build(
-        base.tree.model, base.tree, names, runs, moved, loads, base.allowed
+        base.tree.model,
+        base.tree,
+        names,
+        runs,
+        moved,
+        loads,
+        base.allowed,
+        base.assumed,
     )
     return Case(
         base=base, runs=runs, joints=ready, motions=moved, loads=loads, healthy=[]
@@ -244,8 +260,9 @@ def along(case: Case, known: list[Joint], fits: list[Fit]) -> Case:
     moved, loads = case.base.weigh(known, fits)
     names = joint_names(case.model)
     ready = joints.build(
-        case.model, case.tree, names, case.runs, moved, loads, case.base.allowed
-    )
+        case.model, case.tree, names, case.runs, moved, loads, case.base.allowed,
+        case.base.assumed,
+    )  # fmt: skip
     new = dataclasses.replace(case, joints=ready, motions=moved, loads=loads)
     return pulled(new, case.pulled)
 

@@ -57,7 +57,8 @@ def positive(
         return scale(joint) * float(np.exp(x[0]))
 
     def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
-        drive[field] = size(joint, x) + (drive.get(field, 0.0) if added else 0.0)
+        base = drive.get(field, joint.nominal.get(field, 0.0)) if added else 0.0
+        drive[field] = base + size(joint, x)
 
     logs = tuple((float(np.log(start)),) for start in starts)
     plain = Hypothesis(
@@ -150,7 +151,8 @@ def signed(
         return neutral + scale(joint) * float(x[0])
 
     def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
-        drive[field] = number(joint, x)
+        known = joint.nominal.get(field, neutral) - neutral
+        drive[field] = known + number(joint, x)
 
     starts = tuple((k * size,) for k in (0.3, -0.3, 1.0, -1.0))
     return Hypothesis(

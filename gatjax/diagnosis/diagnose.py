@@ -31,6 +31,7 @@ from gatjax.diagnosis.gain import Predicted, gained, half_second
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.logged import signals
 from gatjax.diagnosis.signals import write_signals
+from gatjax.diagnosis.start import Start
 from gatjax.diagnosis.suitable import check_replay
 from gatjax.diagnosis.tolerances import USUAL, Tolerances
 from gatjax.diagnosis.unexplained import conditions
@@ -41,7 +42,6 @@ from gatjax.runs import write_json
 from gatjax.sim import world as worlds
 from gatjax.sim.limbs import floats
 from gatjax.sim.world import World
-from gatjax.task import Task
 
 Tell = Callable[[str, float], None]
 RATES = (50.0, 250.0 / 3.0, 100.0)  # Hz, of control
@@ -78,7 +78,7 @@ class Logs(NamedTuple):
 class Given(NamedTuple):
     """What a diagnosis works on."""
 
-    source: str  # model file, or "nao"
+    start: Start
     model: mujoco.MjModel
     joints: tuple[str, ...]
     files: Logs
@@ -93,15 +93,15 @@ class Given(NamedTuple):
         return floats(self.model)
 
 
-def given(source: str, files: Logs, seed: int) -> Given:
+def given(start: Start, files: Logs, seed: int) -> Given:
     """Load the model, and cut recordings into runs of its joints."""
-    model = robot_model.load(source)
+    model = start.model()
     joints = robot_model.joint_names(model)
     logs, unseen = (
         [_limited(model, run) for run in cut(some, joints)] for some in files[:2]
     )
     period = control_period(logs)
-    return Given(source, model, joints, files, logs, unseen, period, seed)
+    return Given(start, model, joints, files, logs, unseen, period, seed)
 
 
 def _limited(model: mujoco.MjModel, run: JointRun) -> JointRun:
@@ -111,7 +111,7 @@ def _limited(model: mujoco.MjModel, run: JointRun) -> JointRun:
 
 
 def diagnose(
-    source: str, files: Logs, out: Path, seed: int, tell: Tell,
+    start: Start, files: Logs, out: Path, seed: int, tell: Tell,
     allowed: Tolerances = USUAL,
 ) -> dict[str, Any]:  # fmt: skip
     """Show, name, extend and measure; write the folder.
@@ -120,7 +120,7 @@ def diagnose(
     goes first and the new one comes last: a folder that has one is whole.
 
     Args:
-        source: model file (MJCF), or "nao".
+        start: the model, and what is known of the robot besides.
         files: what the robot did.
         out: folder for diagnosis.json, signals.parquet, world.json, extended.xml, and
             learned/ where a joint is not explained.
@@ -135,9 +135,13 @@ def diagnose(
         ValueError: one line: the model or the logs cannot carry a diagnosis.
     """
     began = time.monotonic()
-    data = given(source, files, seed)
-    task = Task(control_period=data.period)
-    made = {"nominal": worlds.nominal(task, source, extend.TIMESTEP)}
+    data = given(start, files, seed)
+    if data.floating and start.rows:
+        raise ValueError(
+            "a robot that stands is not diagnosed from a world with causes yet; hang "
+            "it, or give its model"
+        )
+    made = {"nominal": start.world(data.period, extend.TIMESTEP)}
     pairs = {}
     if not data.floating:
         (pairs["nominal"],) = _predicted(data, [made["nominal"]])
@@ -145,13 +149,13 @@ def diagnose(
             files[:2], (data.logs, data.unseen), pairs["nominal"], strict=True
         ):
             servos = robot_model.servoed(data.model)
-            check_replay(source, part, runs, angles, servos)
+            check_replay(start.source, part, runs, angles, servos)
     verdict = conclude(_judge(data, tell, allowed))
     tell("extend", 0.0)
     if data.floating:  # what it logged upright
         data = data._replace(logs=verdict.judge.case.runs)
         (pairs["nominal"],) = _predicted(data, [made["nominal"]])
-    made["extended"], pairs["extended"] = _extended(verdict, data)
+    made["extended"], pairs["extended"] = _extended(verdict, data, made["nominal"])
     if data.unseen and not data.floating:
         verdict = _borne_out(verdict, data, made, pairs)
     verdict = doubted(verdict)
@@ -162,7 +166,7 @@ def diagnose(
     made_by = {"verb": "diagnose", "seed": seed}
     worlds.write_world(out / "world.json", made["extended"], made_by, None)
     mjcf.write_model(out / "extended.xml", made["extended"])
-    text["made_by"] = _made_by(source, seed, allowed)
+    text["made_by"] = _made_by(start, seed, allowed)
     text["seconds"] = round(time.monotonic() - began, 1)
     text["data_checks"] = list(files.checks)
     write_json(out / "diagnosis.json", text)
@@ -173,7 +177,8 @@ def _judge(data: Given, tell: Tell, allowed: Tolerances) -> Judge:
     """The judge of a case, tolerances fitted."""
     model, logs, seed = data.model, data.logs, data.seed
     if not data.floating:
-        return Judge(prepare(held(model, logs, seed, allowed), logs, tell), tell)
+        base = held(model, logs, seed, allowed, data.start.joints(model))
+        return Judge(prepare(base, logs, tell), tell)
     felt = [run for recording in data.files.fit for run in channels.cut(recording)]
     base = standing.prepare(model, logs, felt, data.period, tell, seed, allowed)
     return StandingJudge(prepare(base, base.runs, tell), base, tell)
@@ -205,7 +210,7 @@ def _told(
         gain = gained(made, pairs, data.logs, data.unseen, case, seed)
     tell("measure", 0.4)
     advice = experiment.propose(
-        verdict, data.source, data.period, seed, out / "world.json"
+        verdict, data.start, data.period, seed, out / "world.json"
     )
     tell("measure", 0.6)
     beside = [{} for _ in case.runs] if data.floating else conditions(data.files.fit)
@@ -235,7 +240,7 @@ def _told(
     }
 
 
-def _made_by(source: str, seed: int, allowed: Tolerances) -> dict[str, Any]:
+def _made_by(start: Start, seed: int, allowed: Tolerances) -> dict[str, Any]:
     """What a diagnosis was made with, as in diagnosis.json."""
     changed = {
         name: share
@@ -243,20 +248,20 @@ def _made_by(source: str, seed: int, allowed: Tolerances) -> dict[str, Any]:
         if share != getattr(USUAL, name)
     }
     return {
-        "gatjax": gatjax.__version__, "model": source, "seed": seed,
-        "tolerances": changed or "usual",
+        "gatjax": gatjax.__version__, "model": start.source, "seed": seed,
+        "tolerances": changed or "usual", "known": len(start.rows),
     }  # fmt: skip
 
 
-def _extended(verdict: Verdict, data: Given) -> tuple[World, Predicted]:
-    """The extended world and its predictions.
+def _extended(verdict: Verdict, data: Given, start: World) -> tuple[World, Predicted]:
+    """The extended world, made of the one at the start, and its predictions.
 
     The calibration is in it if that predicts the fit logs better. Worlds with it and
     with neutral numbers in its place are of one structure: one batch plays both.
     """
     rows = extend.calibration(verdict)
     tried = [
-        extend.extended(verdict, data.source, data.period, some)
+        extend.extended(verdict, start, some)
         for some in ((extend.neutral(rows), rows) if rows else ([],))
     ]
     told = _predicted(data, tried)
@@ -266,7 +271,7 @@ def _extended(verdict: Verdict, data: Given) -> tuple[World, Predicted]:
     size = [error.squared.sum() for error in errors.values()]
     best = min(range(len(tried)), key=lambda k: (lost[k], size[k]))
     if best == 0 and rows:
-        return extend.extended(verdict, data.source, data.period, []), told[0]
+        return extend.extended(verdict, start, []), told[0]
     return tried[best], told[best]
 
 

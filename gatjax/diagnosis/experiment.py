@@ -11,13 +11,13 @@ import numpy as np
 from gatjax.diagnosis import chance, extend
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.measure import fallen
+from gatjax.diagnosis.start import Start
 from gatjax.diagnosis.verdict import Verdict
 from gatjax.motions import MENU
 from gatjax.sim import world as worlds
 from gatjax.sim.limbs import floats, limbs_of, put_down
 from gatjax.sim.replay import replay_many
 from gatjax.sim.world import World, stacked
-from gatjax.task import Task
 
 SECONDS = 14.0  # s, of every motion that is compared
 LEAST = 1.0  # noise units: less separates nothing
@@ -48,17 +48,17 @@ def leading(verdict: Verdict) -> list[Claim]:
 
 
 def propose(
-    verdict: Verdict, source: str | Path, period: float, seed: int, world: Path
+    verdict: Verdict, start: Start, period: float, seed: int, world: Path
 ) -> dict[str, Any] | None:
     """Choose from the menu the motion that tells the two leading explanations apart.
 
     The separation is the RMS difference of the two predictions over all joints and
-    rows, in standard deviations of the readings; without a second explanation, the
-    nominal model takes its place.
+    rows, in standard deviations of the readings; without a second explanation, what the
+    diagnosis started from takes its place.
 
     Args:
         verdict: of the diagnosis.
-        source: model file.
+        start: of the diagnosis.
         period: control period, s.
         seed: of the motions.
         world: world.json of the diagnosis, for the command that plays the motion.
@@ -70,9 +70,9 @@ def propose(
     claims = leading(verdict)
     if not claims or not all(joint.servoed for joint in verdict.judge.joints):
         return None
-    named = [_world(verdict, [claim], source, period) for claim in claims]
+    named = [_world(verdict, [claim], start, period) for claim in claims]
     if len(named) == 1:
-        named.append(_world(verdict, [], source, period))
+        named.append(_world(verdict, [], start, period))
     names = [claim.hypothesis.cause for claim in claims] + ["the nominal model"]
     limbs = limbs_of(named[0].model)
     moving = np.zeros(len(limbs.names), bool)
@@ -109,11 +109,9 @@ def propose(
     }
 
 
-def _world(
-    verdict: Verdict, claims: list[Claim], source: str | Path, period: float
-) -> World:
-    """The nominal world with some causes only."""
-    world = worlds.nominal(Task(control_period=period), source)
+def _world(verdict: Verdict, claims: list[Claim], start: Start, period: float) -> World:
+    """The world that a diagnosis starts from with some causes only."""
+    world = start.world(period)
     for claim in claims:
         world = worlds.add_causes(world, extend.effects(verdict.judge, claim))
     return world

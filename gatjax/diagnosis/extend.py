@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,6 @@ from gatjax.diagnosis.verdict import Verdict
 from gatjax.effects.catalogue import CATALOGUE
 from gatjax.sim import world as worlds
 from gatjax.sim.world import World
-from gatjax.task import Task
 
 TIMESTEP = 5e-4  # s: a position servo's angle is off by its motion in half a step
 LEAST = 0.25  # of its tolerance: a smaller correction is left out
@@ -97,6 +95,7 @@ def calibration(verdict: Verdict) -> list[Row]:
         if joint.index in verdict.unexplained:
             continue  # its tolerances imitate what is not known
         x = dict(zip(TOLERANCES, fit.x[:COUNT], strict=True))
+        before = joint.assumed.numbers
         drive = joint.nominal | numbers(joint, None, fit.x[:COUNT])
         dof = model.jnt_dofadr[model.actuator_trnid[joint.index, 0]]
         more = {  # of the driven joint alone, where others are tied to it
@@ -113,12 +112,16 @@ def calibration(verdict: Verdict) -> list[Row]:
             "friction": ("coulomb_friction", more["friction"]),
             "armature": ("armature", more["armature"]),
             "limit": ("torque_limit", drive["limit"]),
-            "zero_out": ("encoder_offset", drive["zero_out"]),
-            "delay": ("command_delay", drive["delay"]),
+            "zero_out": (
+                "encoder_offset",
+                drive["zero_out"] - before.get("zero_out", 0.0),
+            ),
+            "delay": ("command_delay", drive["delay"] - before.get("delay", 0.0)),
         }
         for name, (cause, value) in changes.items():
             stronger = name == "limit" and drive["limit"] > joint.nominal["limit"]
-            if abs(x[name]) < LEAST or stronger:
+            sooner = name == "delay" and value < 0.0
+            if abs(x[name]) < LEAST or stronger or sooner:
                 continue
             values = {CATALOGUE[cause].main.name: float(value)}
             rows.append(
@@ -137,18 +140,14 @@ def neutral(rows: list[Row]) -> list[Row]:
     ]
 
 
-def extended(
-    verdict: Verdict, source: str | Path, period: float, rows: list[Row]
-) -> World:
-    """The nominal world with the verdict's causes and rows of calibration.
+def extended(verdict: Verdict, world: World, rows: list[Row]) -> World:
+    """A world with the verdict's causes and rows of calibration.
 
     Args:
         verdict: of the diagnosis.
-        source: model file.
-        period: control period, s.
+        world: that the diagnosis started from.
         rows: from `calibration`, or none.
     """
-    world = worlds.nominal(Task(control_period=period), source, TIMESTEP)
     for cause in verdict.causes:
         world = worlds.add_causes(world, effects(verdict.judge, cause.claim))
     for row in rows:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gatjax.diagnosis.joint import TRANSPORT, Joint
+from gatjax.diagnosis.joint import Joint
 from gatjax.diagnosis.loads import TERMS
 from gatjax.diagnosis.tolerances import SHARES
 
@@ -134,12 +134,13 @@ def tolerated(joint: Joint, x: np.ndarray) -> Numbers:
             share = getattr(allowed, name)
             drive[name] = joint.nominal[name] * float(np.exp(share * value))
         elif name in ("zero_in", "zero_out"):
-            drive[name] = allowed.zero * value
+            drive[name] = joint.nominal.get(name, 0.0) + allowed.zero * value
         elif name == "delay":
-            drive[name] = max(0.0, TRANSPORT + allowed.late * value)
+            drive[name] = max(0.0, joint.nominal["delay"] + allowed.late * value)
         elif name == "stiction":
             excess = allowed.stribeck * max(0.0, 1.0 + value)
-            drive[name] = joint.nominal["friction"] * excess
+            known = joint.nominal.get(name, 0.0)
+            drive[name] = known + joint.nominal["friction"] * excess
         else:
             drive[name] = value
     return drive

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -25,6 +25,17 @@ GRAVITY = ("gravity_x", "gravity_y", "gravity_z")  # in `nominal`, m/s^2
 UNLIMITED = 1e5  # N m: a limit of that size is none
 GIVE = 3e-4  # rad, that dry friction yields before it slips
 OBSERVED = 10.0  # 1/s, how fast a joint without a servo is drawn to its measured motion
+
+
+class Assumed(NamedTuple):
+    """What is known of a joint besides its model."""
+
+    numbers: dict[str, float]  # fields of laws.Drive
+    causes: frozenset[str]  # that are not looked for again
+    geared: bool  # motor and link are simulated apart
+
+
+NOTHING = Assumed({}, frozenset(), False)
 
 
 class Link(NamedTuple):
@@ -54,6 +65,7 @@ class Joint(NamedTuple):
     allowed: Tolerances = USUAL
     link: Link = Link(1.0, np.zeros(3), np.eye(3)[0])
     limited: bool = True  # whether the model says what torque it has
+    assumed: Assumed = NOTHING
 
     @property
     def servoed(self) -> bool:
@@ -99,8 +111,9 @@ class Joint(NamedTuple):
     def outcome(self, drives: list[dict[str, float]], geared: bool) -> plant.Outcome:
         """Everything that the simulation gives, on the device."""
         time, drawn = jnp.asarray(self.time, jnp.float32), "pull" in self.nominal
+        apart = geared or self.assumed.geared
         return plant.simulate(
-            self.packed(drives), self.grid, time, self.lead, STEP, geared, drawn
+            self.packed(drives), self.grid, time, self.lead, STEP, apart, drawn
         )
 
     def packed(self, drives: list[dict[str, float]]) -> laws.Drive:
@@ -205,13 +218,18 @@ def build(
     moved: list[motions.Motion],
     loads: list[weights.Loads],
     allowed: Tolerances = USUAL,
+    assumed: Sequence[Assumed] = (),
 ) -> list[Joint]:
-    """Put the joints of a model on the simulations' grid, runs padded to one length."""
+    """Put the joints of a model on the simulations' grid, runs padded to one length.
+
+    `assumed` says of each joint what is known besides; nothing if left out.
+    """
     time = motions.grid_time(runs, STEP)
     lead = int(np.sum(time < -0.5 * STEP))
     rows = -(-max(len(run.time) for run in runs) // ROWS) * ROWS
     noise = noise_of(runs)
-    grids = _grids(runs, moved, loads, supply_load(model, tree, moved, loads))
+    supply = supply_load(model, tree, moved, loads)
+    grids = _grids(runs, moved, loads, supply)
     at = np.stack([_padded(run.time - run.time[0], rows) for run in runs])
     moving = [starts.underway(run) for run in runs]
     joints = []
@@ -220,6 +238,10 @@ def build(
         limited = drive["limit"] < UNLIMITED
         if not limited:
             drive["limit"] = _asked(runs, moved, index, drive)
+        more = assumed[index] if assumed else NOTHING
+        drive |= more.numbers
+        if "sag" in more.numbers:  # per N m so far
+            drive["sag"] *= max(float(total.max()) for total in supply)
         grid = grids(index, drive["armature"])
         seen = np.stack([_padded(run.angle[:, index], rows) for run in runs])
         valid = np.zeros(seen.shape, bool)
@@ -232,7 +254,7 @@ def build(
         link = Link(mass, centre, tree.axis[index])
         readings = at, seen, valid, float(noise[index])
         numbers = name, index, drive, grid, lead, *readings, allowed, link
-        joints.append(Joint(*numbers, limited))
+        joints.append(Joint(*numbers, limited, more))
     return joints
 
 

@@ -10,7 +10,6 @@ from gatjax.diagnosis import extend
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.fit import LEFT
 from gatjax.diagnosis.hypotheses import COUNT, numbers
-from gatjax.diagnosis.joint import TRANSPORT
 from gatjax.diagnosis.unexplained import explore
 from gatjax.diagnosis.verdict import CERTAIN, Cause, Verdict
 from gatjax.effects.catalogue import CATALOGUE
@@ -192,10 +191,10 @@ def calibration_rows(verdict: Verdict) -> list[dict[str, Any]]:
             )  # fmt: skip
         rows += [
             {"parameter": "encoder zero", "where": joint.name, "unit": "rad",
-             "nominal": 0.0, "fitted": drive["zero_out"],
+             "nominal": joint.nominal.get("zero_out", 0.0), "fitted": drive["zero_out"],
              "tolerance": joint.allowed.zero},
             {"parameter": "transport of commands", "where": joint.name, "unit": "s",
-             "nominal": TRANSPORT, "fitted": drive["delay"],
+             "nominal": joint.nominal["delay"], "fitted": drive["delay"],
              "tolerance": joint.allowed.late},
         ]  # fmt: skip
     return rows

@@ -9,6 +9,7 @@ from gatjax.data import checks
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import split_by_trajectory
 from gatjax.diagnosis.diagnose import Logs, diagnose
+from gatjax.diagnosis.start import Start
 from gatjax.loop.collect import collect, collect_motion
 from gatjax.loop.ground import HELD_OUT, STABILITY_ROLLOUTS, count_falls
 from gatjax.loop.play import Player
@@ -74,7 +75,7 @@ def diagnosed(setting: Setting) -> None:
         Progress(lambda text: stage(f"diagnosis: {text}"), lambda share: None)
     )
     rows = checks.summary(list(zip([*fit, *held], found, strict=True)))
-    diagnose("nao", Logs(fit, held, rows), folder, setting.settings.seed, tell)
+    diagnose(Start("nao"), Logs(fit, held, rows), folder, setting.settings.seed, tell)
 
 
 def logs(setting: Setting) -> tuple[list[Recording], list[Recording]]:

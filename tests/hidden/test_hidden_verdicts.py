@@ -6,6 +6,7 @@ import pytest
 
 from gatjax.data.recording import read_recording
 from gatjax.diagnosis.diagnose import Logs, diagnose
+from gatjax.diagnosis.start import Start
 from gatjax.surrogate.hidden import write_cases
 
 # Seeds are the first ones, counted from 1, whose effects have a visibility of 3 or
@@ -33,7 +34,7 @@ def answered(request, tmp_path_factory):
     truth = json.loads((folder / "answers.json").read_text())["cases"][0]
     case = folder / "cases" / truth["id"]
     told = diagnose(
-        str(folder / "models" / f"{truth['robot']}.xml"),
+        Start(str(folder / "models" / f"{truth['robot']}.xml")),
         Logs(
             [read_recording(file) for file in sorted(case.glob("fit*.parquet"))],
             [read_recording(case / "held.parquet")],

@@ -48,6 +48,7 @@ class Standing(NamedTuple):
     ensembles: list[Ensemble]
     allowed: Tolerances
     follows: bool = False  # the motion is simulated: tolerances do not change it
+    assumed: tuple[()] = ()  # of the joints, besides the model
 
     def weigh(
         self, known: list[Joint], fits: list[Fit]
