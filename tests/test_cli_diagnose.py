@@ -9,6 +9,7 @@ from gatjax.cli.diagnosis import read_given
 from gatjax.cli.found import gain_lines, named_lines
 from gatjax.data.recording import Recording, write_recording
 from gatjax.diagnosis.diagnose import given as given_logs
+from gatjax.diagnosis.start import Start
 from gatjax.loop.staged import ENGINE, staged
 from gatjax.runs import Progress
 
@@ -75,8 +76,26 @@ def test_commands_that_the_model_clips_are_told(given, tmp_path):
     )
     texts = [row["text"] for row in logs.checks if row["check"] == "limits"]
     assert any("lies beyond the ctrlrange -0.5 to 0.5" in text for text in texts)
-    (run,) = given_logs(robot, logs, 0).logs
+    (run,) = given_logs(Start(robot), logs, 0).logs
     assert run.command.max() == 0.5 < logs.fit[0].columns["command.servo"].max()
+
+
+def test_one_file_may_move_little_beside_a_lively_one(given, tmp_path, capsys):
+    robot, fit, _ = given
+    calm = log(tmp_path / "calm.parquet", seed=5, reach=0.01)
+    words = ["--model", robot, "--data", fit, calm, "--out", "x"]
+    _, logs = read_given(parse(["diagnose", *words]))
+    rows = [row for row in logs.checks if row["check"] == "excitation"]
+    assert [(row["file"], row["level"]) for row in rows] == [(calm, "warning")]
+    line = refused(capsys, "--model", robot, "--data", calm, "--out", "x")
+    assert "no joint moves enough" in line
+
+
+def test_it_starts_from_a_model_or_from_a_world(given, capsys):
+    robot, fit, _ = given
+    for words in ([], ["--model", robot, "--world", "w.json"]):
+        line = refused(capsys, *words, "--data", fit, "--out", "x")
+        assert "--model robot.xml, or --world" in line
 
 
 def test_several_files_follow_one_flag():

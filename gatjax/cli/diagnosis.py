@@ -97,7 +97,7 @@ def _checked(
     role: checks.Role,
 ) -> tuple[list[Recording], list[list[checks.Finding]]]:
     """Recordings of one role with their findings; refused ones raise."""
-    logs, found = [], []
+    logs, before = [], []
     base = "floating" if floats(model) else "fixed"
     for path in paths:
         log = read_recording(path, mapping)
@@ -110,10 +110,10 @@ def _checked(
                 f"give the model of the robot as it was logged"
             )
         log, short = sampling.lasting(log)
-        beyond = check_ranges(model, log)
-        found.append([*short, *beyond, *checks.trusted(log, ranges, role)])
+        before.append([*short, *check_ranges(model, log)])
         logs.append(log)
-    return logs, found
+    found = checks.trusted(logs, ranges, role)
+    return logs, [[*a, *b] for a, b in zip(before, found, strict=True)]
 
 
 def _check_files(verb: Diagnose) -> None:

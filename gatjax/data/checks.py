@@ -87,18 +87,32 @@ def _against_commands(
     ]
 
 
-def trusted(recording: Recording, ranges: Ranges, role: Role) -> list[Finding]:
-    """The findings of a recording that may be used.
+def trusted(
+    recordings: Sequence[Recording], ranges: Ranges, role: Role
+) -> list[list[Finding]]:
+    """The findings of each of some recordings that are used together.
+
+    One that moves too little is refused only if all do.
 
     Raises:
-        ValueError: one line with why it may not.
+        ValueError: one line with why they may not be used.
     """
-    found = findings(recording, ranges, role)
-    refused = [each.text for each in found if each.level == "refuse"]
+    found = [findings(recording, ranges, role) for recording in recordings]
+    if not all(any(map(_dull, own)) for own in found):
+        found = [
+            [f._replace(level="warning") if _dull(f) else f for f in own]
+            for own in found
+        ]
+    refused = [each.text for own in found for each in own if each.level == "refuse"]
     if refused:
         more = f" (and {len(refused) - 1} more)" if len(refused) > 1 else ""
         raise ValueError(f"{refused[0]}{more}")
     return found
+
+
+def _dull(finding: Finding) -> bool:
+    """Whether a file is refused because nothing moves enough in it."""
+    return finding.level == "refuse" and finding.check == "excitation"
 
 
 def summary(

@@ -68,8 +68,8 @@ def diagnosed(setting: Setting) -> None:
         joint: (float(low), float(high))
         for joint, (low, high) in zip(JOINTS, LIMITS, strict=True)
     }
-    found = [checks.trusted(log, ranges, "fit") for log in fit]
-    found += [checks.trusted(log, ranges, "held-out") for log in held]
+    found = checks.trusted(fit, ranges, "fit")
+    found += checks.trusted(held, ranges, "held-out")
     stage = setting.progress.stage
     tell = staged(
         Progress(lambda text: stage(f"diagnosis: {text}"), lambda share: None)
