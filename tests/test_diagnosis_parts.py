@@ -13,8 +13,15 @@ from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.case import Case
 from gatjax.diagnosis.claims import PRICE, Claim, occam, shared_value, uncertainty
 from gatjax.diagnosis.fit import Fit
-from gatjax.diagnosis.hypotheses import COUNT, combined, information, numbers, pinned
-from gatjax.diagnosis.joint import STEP, noise_of
+from gatjax.diagnosis.hypotheses import (
+    COUNT,
+    Hypothesis,
+    combined,
+    information,
+    numbers,
+    pinned,
+)
+from gatjax.diagnosis.joint import STEP, TRANSPORT, noise_of
 from gatjax.diagnosis.known import Known
 from gatjax.diagnosis.loads import tilted
 from gatjax.effects.body import gravity_tilt
@@ -173,6 +180,7 @@ def unpowered(joint, command, windows):
 @pytest.mark.parametrize("powerless", [True, False])
 def test_a_loss_of_power_is_no_loss_of_commands(powerless):
     rng, bare = np.random.default_rng(3), joint(wave, rest=0.3)
+    bare = bare._replace(nominal=bare.nominal | {"delay": TRANSPORT})
     command = np.array([wave(t) for t in bare.time[0]])
     gone = np.zeros(len(command), bool)
     for first in (40, 97, 180):
@@ -210,7 +218,9 @@ def fit_of(value, information_of_it):
 
 def test_joints_agree_on_a_value_by_their_information():
     found = [fit_of(1.0, 300.0), fit_of(2.0, 100.0)]
-    assert shared_value(found, 1)[0] == pytest.approx(1.25, rel=1e-3)
+    free = Hypothesis("", "", None, (), (0.1,), (-3.0,), (3.0,), None)
+    assert shared_value(found, free)[0] == pytest.approx(1.25, rel=1e-3)
+    assert shared_value(found, free._replace(high=(1.1,)))[0] == 1.1
     alone, both = uncertainty(found[:1], 1), uncertainty(found, 1)
     assert both[0, 0] == pytest.approx(alone[0, 0] * 300.0 / 400.0)
 

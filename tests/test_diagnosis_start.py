@@ -14,6 +14,7 @@ from gatjax.diagnosis.bank import CAUSES, of_drive
 from gatjax.diagnosis.case import held, unfitted
 from gatjax.diagnosis.diagnose import Logs, diagnose, given
 from gatjax.diagnosis.start import ADDING, Start, known, numbers
+from gatjax.diagnosis.tolerances import USUAL
 from gatjax.effects.catalogue import CATALOGUE
 from gatjax.sim.replay import replay_many
 from gatjax.sim.world import add_cause, nominal, stacked, write_world
@@ -109,3 +110,14 @@ def test_only_what_is_wrong_besides_is_named(tmp_path):
     rows = json.loads((tmp_path / "out" / "world.json").read_text())["effects"]
     assert [row["cause"] for row in rows[:2]] == ["first_order_lag", "gain_error"]
     assert found["made_by"]["known"] == 1
+
+
+def test_how_close_is_close_enough_is_said_like_a_noise(tmp_path):
+    log = logged(written(tmp_path / "w.json"), "log", 0)
+    case = given(Start(ARM), Logs([log], []), 0)
+    tight, wide = (
+        unfitted(held(case.model, case.logs, 0, allowed), case.logs).joints[0].noise
+        for allowed in (USUAL, USUAL._replace(angle=0.01))
+    )
+    assert tight < 1e-3
+    assert wide == pytest.approx(np.hypot(tight, 0.01))

@@ -106,15 +106,20 @@ def occam(
     return max(price, PRICE * count)
 
 
-def shared_value(free: list[Fit], count: int) -> np.ndarray:
-    """The value [count] that fits of one cause agree on, weighted by information."""
+def shared_value(free: list[Fit], hypothesis: Hypothesis) -> np.ndarray:
+    """The coordinates of a cause that fits agree on, weighted by information.
+
+    Coordinates may depend on each other: the mean of values within bounds can lie out
+    of them, and is brought back.
+    """
+    count = len(hypothesis.low)
     total, right = 1e-9 * np.eye(count), np.zeros(count)
     for fit in free:
         covariance = np.linalg.pinv(fit.information)[-count:, -count:]
         weight = np.linalg.pinv(covariance) / max(fit.cost / len(fit.residual), 0.5)
         total += weight
         right += weight @ fit.x[-count:]
-    return np.linalg.solve(total, right)
+    return np.clip(np.linalg.solve(total, right), hypothesis.low, hypothesis.high)
 
 
 def outdone(shared: Claim, single: list[Claim]) -> bool:

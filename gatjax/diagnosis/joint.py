@@ -61,7 +61,7 @@ class Joint(NamedTuple):
     time: np.ndarray  # [R, N] s
     measured: np.ndarray  # [R, N] rad
     valid: np.ndarray  # [R, N] what counts: no padding, stop or gap
-    noise: float  # rad, standard deviation of a reading
+    noise: float  # rad, standard deviation of a reading, or how close is close enough
     allowed: Tolerances = USUAL
     link: Link = Link(1.0, np.zeros(3), np.eye(3)[0])
     limited: bool = True  # whether the model says what torque it has
@@ -227,7 +227,7 @@ def build(
     time = motions.grid_time(runs, STEP)
     lead = int(np.sum(time < -0.5 * STEP))
     rows = -(-max(len(run.time) for run in runs) // ROWS) * ROWS
-    noise = noise_of(runs)
+    noise = np.hypot(noise_of(runs), allowed.angle)
     supply = supply_load(model, tree, moved, loads)
     grids = _grids(runs, moved, loads, supply)
     at = np.stack([_padded(run.time - run.time[0], rows) for run in runs])

@@ -195,7 +195,7 @@ class Judge(Known):
         every = range(len(self.joints))
         free = mapped(lambda k: self._free(k, self.joints[k], hypotheses, 6), every)
         values = [
-            (h, shared_value([free[c.where[0]][n] for c in group], len(h.low)))
+            (h, shared_value([free[c.where[0]][n] for c in group], h))
             for n, (h, group) in enumerate(zip(hypotheses, chosen, strict=True))
         ]
         fixed = mapped(lambda k: self._fixed(k, self.joints[k], values), every)
@@ -265,7 +265,7 @@ class Judge(Known):
 
         def make() -> list[Claim]:
             values = [
-                (h, shared_value([free[k][n] for k in bearers], len(h.low)))
+                (h, shared_value([free[k][n] for k in bearers], h))
                 for n, h in enumerate(hypotheses)
             ]
             fixed = mapped(lambda k: self._fixed(k, joints[k], values), bearers)

@@ -157,8 +157,7 @@ class Known:
 
         found = dict(zip(claim.fits, mapped(free, claim.fits), strict=True))
         heard = [fit for k, fit in found.items() if k != odd]
-        own = shared_value(heard, count)
-        own = np.clip(own, claim.hypothesis.low, claim.hypothesis.high)
+        own = shared_value(heard, claim.hypothesis)
         same = pinned(claim.hypothesis, own)
         every = mapped(lambda k: advanced(k, same, found[k].x[:-count]), found)
         settled = dict(zip(found, every, strict=True))

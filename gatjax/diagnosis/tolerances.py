@@ -32,6 +32,7 @@ class Tolerances(NamedTuple):
     com: float = 0.002  # m
     inertia: float = 0.05  # share
     tilt: float = float(np.deg2rad(0.2))  # rad, of the mounting
+    angle: float = 0.0  # rad, of all angles: how close a simulation has to come
 
 
 USUAL = Tolerances()
