@@ -45,7 +45,8 @@ class Arm(Known):
         return 0.0
 
 
-def test_joints_that_stay_drawn_carry_what_was_accepted():
+def test_joints_that_stay_drawn_carry_what_was_accepted(monkeypatch):
+    monkeypatch.setattr(known, "astray", lambda joint, found: known.ASTRAY)
     arm = Arm(pulled=[0])
     found = claim("payload", fits={0: fit(1.0), 1: fit(1.0)})._replace(
         body=1, where=(1,)

@@ -13,7 +13,7 @@ from gatjax.data.recording import Recording
 from gatjax.diagnosis.bank import CAUSES, of_drive
 from gatjax.diagnosis.case import held, unfitted
 from gatjax.diagnosis.diagnose import Logs, diagnose, given
-from gatjax.diagnosis.start import ADDING, Start, known, numbers
+from gatjax.diagnosis.start import ADDING, Start, _unfit, read_start
 from gatjax.diagnosis.tolerances import USUAL
 from gatjax.effects.catalogue import CATALOGUE
 from gatjax.sim.replay import replay_many
@@ -22,12 +22,13 @@ from gatjax.task import Task
 
 ARM = f"{gatjax.surrogate.hidden.__path__[0]}/arm_servo.xml"
 PERIOD = 0.02
+silent = lambda stage, share: None  # noqa: E731
 DELAY, LAG = {"delay": 0.03}, {"time_constant": 0.05}
 
 
 def written(path, *causes):
     """A world file with some causes at the servo."""
-    world = nominal(Task(control_period=PERIOD), ARM)
+    world = nominal(Task(control_period=PERIOD), ARM, 0.0005)
     for name, values in causes:
         world = add_cause(world, name, ["servo"], values)
     write_world(path, world, {}, None)
@@ -40,7 +41,8 @@ def logged(world, name, seed):
     time = PERIOD * np.arange(500)
     command = 0.4 * np.sin(2.0 * np.pi * (0.3 + 0.1 * time) * time)
     command += 0.3 * np.repeat(draw.uniform(-1.0, 1.0, 10), 50)
-    command[:30] = command[30]
+    command -= command[30]
+    command[:30] = 0.0  # at rest, where the joint starts
     played = replay_many(
         world, stacked([world.values]), command[:, None], np.zeros(1), np.zeros(1)
     )
@@ -50,14 +52,15 @@ def logged(world, name, seed):
     return Recording(name, time, np.zeros(500, int), columns, metadata)
 
 
-def test_causes_of_a_world_are_taken_for_known(tmp_path):
+def test_causes_of_a_world_are_taken_for_read_start(tmp_path):
     written(tmp_path / "w.json", ("command_delay", DELAY), ("gain_error", 0.8),
             ("first_order_lag", LAG), ("command_delay", DELAY))  # fmt: skip
-    start = known(tmp_path / "w.json")
+    start = read_start(tmp_path / "w.json")
     model = start.model()
     (assumed,) = start.joints(model)
-    assert assumed.numbers == {"delay": 0.06, "lag": 0.05}
-    assert assumed.causes == {"first_order_lag"} and not assumed.geared
+    assert assumed.law(3.0) == {"delay": 0.06, "lag": 0.05}
+    assert assumed.barred == {"first_order_lag"} and not assumed.geared
+    assert assumed.named == {"command_delay", "gain_error", "first_order_lag"}
     plain = Start(ARM).model()
     ratio = model.actuator_gainprm[0, 0] / plain.actuator_gainprm[0, 0]
     assert ratio == pytest.approx(0.8)
@@ -65,7 +68,7 @@ def test_causes_of_a_world_are_taken_for_known(tmp_path):
 
 def test_what_does_not_add_up_is_not_looked_for_again(tmp_path):
     world = written(tmp_path / "w.json", ("first_order_lag", LAG))
-    start = known(tmp_path / "w.json")
+    start = read_start(tmp_path / "w.json")
     log = logged(world, "log", 0)
     case = given(start, Logs([log], []), 0)
     base = held(case.model, case.logs, 0, assumed=start.joints(case.model))
@@ -74,42 +77,103 @@ def test_what_does_not_add_up_is_not_looked_for_again(tmp_path):
     assert names == {each.cause for each in CAUSES} - {"first_order_lag"}
 
 
-@pytest.mark.parametrize("name", sorted(CATALOGUE))
-def test_every_cause_adds_up_changes_the_joint_or_is_refused(name, tmp_path):
+def placed(name, **more):
+    """A row of a cause of a size that may be."""
     entry = CATALOGUE[name]
-    values = {each.name: each.default for each in entry.parameters}
-    values |= {entry.main.name: 0.5}
-    set_ = numbers(name, values, 2.0, 8.0)
-    if entry.place in ("imu", "ground", "foot") or name in (
-        "dropped_commands",
-        "command_noise",
-    ):
-        assert not set_
-        text = {
-            "schema": "gatjax.world/1", "model": "nao",
-            "effects": [{"cause": name, "where": ["all"], "values": values}],
-        }  # fmt: skip
-        (tmp_path / "w.json").write_text(json.dumps(text))
-        with pytest.raises(ValueError, match=f"{name}"):
-            known(tmp_path / "w.json")
-    else:
-        assert set_ or name in ADDING
-        assert all(np.isfinite(list(set_.values())))
+    low, high = entry.main.low, entry.main.high
+    value = next(v for v in (0.5, 0.03, 0.003) if low <= v <= high)
+    where = ["servo"] if entry.place in ("joint", "foot") else [entry.place]
+    where = ["link"] if entry.place == "foot" else where
+    return {"cause": name, "where": where, "values": {entry.main.name: value} | more}
+
+
+def world_of(path, *rows, **more):
+    """A world file of the servo with rows."""
+    text = {"schema": "gatjax.world/1", "model": ARM, "effects": list(rows)} | more
+    path.write_text(json.dumps(text))
+    return path
+
+
+REFUSED = {
+    "dropped_commands": "hits ticks", "command_noise": "hits ticks",
+    "imu_misalignment": "no joint", "ground_friction": "no joint",
+    "ground_compliance": "no joint", "sole_geometry": "no joint",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", sorted(set(CATALOGUE) - set(REFUSED)))
+def test_every_cause_changes_the_joint_or_its_model(name, tmp_path):
+    start = read_start(world_of(tmp_path / "w.json", placed(name)))
+    plain, model = Start(ARM).model(), start.model()
+    (assumed,) = start.joints(model)
+    law = assumed.law(3.0)
+    assert all(np.isfinite(list(law.values())))
+    assert name in assumed.named and (name in assumed.barred) == (name not in ADDING)
+    fields = (
+        "actuator_gainprm", "actuator_biasprm", "actuator_forcerange", "dof_damping",
+        "dof_frictionloss", "dof_armature", "body_mass", "body_ipos",
+    )  # fmt: skip
+    changed = (plain.opt.gravity != model.opt.gravity).any() or any(
+        (getattr(plain, field) != getattr(model, field)).any() for field in fields
+    )
+    assert law or changed
+    assert law or name in ADDING
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_no_single_joint_shows_is_refused(name):
+    assert REFUSED[name] in _unfit(placed(name))
+
+
+def test_worlds_that_cannot_be_started_from(tmp_path):
+    lag, inside = placed("first_order_lag"), placed("encoder_scale", in_loop=1.0)
+    inside["values"]["scale"] = 1.05
+    for rows, reason in (([lag, lag], "comes twice"), ([inside], "in the loop")):
+        with pytest.raises(ValueError, match=reason):
+            read_start(world_of(tmp_path / "w.json", *rows))
+    grounded = world_of(tmp_path / "w.json", grounding="grounding/", rate_hz=100.0)
+    with pytest.raises(ValueError, match="has a grounding"):
+        read_start(grounded)
+    with pytest.raises(FileNotFoundError):
+        read_start(tmp_path / "none.json")
+
+
+def test_heat_and_supply_are_shares_of_what_the_joint_has(tmp_path):
+    hot = placed("thermal_derating", cooling=20.0, heat=36.0)
+    sag = placed("supply_sag", total=4.0)
+    start = read_start(world_of(tmp_path / "w.json", hot, sag))
+    (assumed,) = start.joints(start.model())
+    assert assumed.law(3.0)["heat"] == pytest.approx(0.5 / 4.0)
+    assert assumed.supply == 4.0
+    log = logged(start.world(PERIOD), "log", 0)
+    case = given(start, Logs([log], []), 0)
+    base = held(case.model, case.logs, 0, assumed=start.joints(case.model))
+    (joint,) = unfitted(base, case.logs).joints
+    assert joint.nominal["sag"] == 0.5
+    assert 0.01 < float(joint.grid.supply.max()) < 1.0
 
 
 def test_only_what_is_wrong_besides_is_named(tmp_path):
-    world = written(tmp_path / "w.json", ("first_order_lag", LAG))
-    both = add_cause(world, "gain_error", ["servo"], 0.5)
+    world = written(tmp_path / "w.json", ("load_friction", {"coefficient": 0.3}))
+    both = add_cause(world, "dead_band", ["servo"], 0.04)
     logs = Logs([logged(both, "fit", 1)], [logged(both, "held", 2)])
     found = diagnose(
-        known(tmp_path / "w.json"), logs, tmp_path / "out", 0, lambda stage, share: None
+        read_start(tmp_path / "w.json"),
+        logs,
+        tmp_path / "out",
+        0,
+        silent,
     )
     (cause,) = found["causes"]
-    assert cause["cause"] == "gain_error"
-    assert cause["parameters"]["scale"]["value"] == pytest.approx(0.5, rel=0.1)
+    assert cause["cause"] == "dead_band"
+    assert cause["parameters"]["half_width"]["value"] == pytest.approx(0.04, rel=0.1)
     rows = json.loads((tmp_path / "out" / "world.json").read_text())["effects"]
-    assert [row["cause"] for row in rows[:2]] == ["first_order_lag", "gain_error"]
-    assert found["made_by"]["known"] == 1
+    assert [row["cause"] for row in rows[:2]] == ["load_friction", "dead_band"]
+    assert found["made_by"]["world"] == str(tmp_path / "w.json")
+    again = diagnose(
+        read_start(tmp_path / "out"), Logs(logs.held, []), tmp_path / "more", 0, silent
+    )
+    assert again["verdict"] == "none"
 
 
 def test_how_close_is_close_enough_is_said_like_a_noise(tmp_path):

@@ -109,7 +109,8 @@ def judged(world, angle):
 def simulated(judge, hypothesis=None, own=()):
     """Readings [N] rad of the diagnosis's joint, tolerances and transport at zero."""
     (ready,) = judge.joints
-    still = {"delay": 0.0, "stiction": 0.0} | ready.assumed.numbers
+    known = ready.assumed.law(ready.nominal["limit"])
+    still = {name: known.get(name, 0.0) for name in ("delay", "stiction")}
     drive = tolerated(ready, np.zeros(COUNT)) | still
     if hypothesis is not None:
         hypothesis.put(drive, ready, np.array(own))

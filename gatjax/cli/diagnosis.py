@@ -22,7 +22,7 @@ from gatjax.data.recording import (
     read_recording,
 )
 from gatjax.diagnosis.diagnose import Logs, diagnose
-from gatjax.diagnosis.start import Start, known
+from gatjax.diagnosis.start import Start, read_start
 from gatjax.diagnosis.suitable import (
     cautions,
     check_commands,
@@ -35,7 +35,7 @@ from gatjax.report.diagnosis import write_report
 from gatjax.robot import model as robot_model
 from gatjax.sim.limbs import floats
 
-WRITTEN = ("extended.xml", "signals.parquet")  # that could be taken for an input
+WRITTEN = ("extended.xml", "signals.parquet", "world.json")
 SAME_RATE = 1.05  # longest over shortest median period of the files
 
 
@@ -51,7 +51,7 @@ def read_given(verb: Diagnose) -> tuple[Start, Logs]:
     start = _start(verb)
     model = start.model()
     check_model(model, Path(start.source))
-    _check_files(verb)
+    _check_files(verb, [Path(start.source), Path(start.world_file or start.source)])
     joints = robot_model.joint_names(model)
     ranges = {
         joint: (float(low), float(high)) if limited else (-np.inf, np.inf)
@@ -83,10 +83,10 @@ def _start(verb: Diagnose) -> Start:
     """A model, or a world with what is known besides."""
     if (verb.model is None) == (verb.world is None):
         raise ValueError(
-            "give --model robot.xml, or --world world.json of an earlier diagnosis "
-            "to look for what that does not explain"
+            "give either --model robot.xml, or --world world.json of an earlier "
+            "diagnosis, to look for what that does not explain"
         )
-    return known(verb.world) if verb.world else Start(str(verb.model))
+    return Start(str(verb.model)) if verb.world is None else read_start(verb.world)
 
 
 def _checked(
@@ -116,7 +116,7 @@ def _checked(
     return logs, [[*a, *b] for a, b in zip(before, found, strict=True)]
 
 
-def _check_files(verb: Diagnose) -> None:
+def _check_files(verb: Diagnose, start: Sequence[Path]) -> None:
     """Refuse a file that would count double, or that this diagnosis writes."""
     for flag, paths in (("--data", verb.data), ("--held-out", verb.held_out)):
         seen: set[Path] = set()
@@ -124,8 +124,7 @@ def _check_files(verb: Diagnose) -> None:
             if path.resolve() in seen:
                 raise ValueError(f"{path}: is named twice after {flag}; name it once")
             seen.add(path.resolve())
-    model = () if verb.model is None else (verb.model,)
-    for path in (*model, *verb.data, *verb.held_out):
+    for path in (*start, *verb.data, *verb.held_out):
         if path.parent.resolve() == verb.out.resolve() and path.name in WRITTEN:
             raise ValueError(
                 f"{path}: --out {verb.out} would write over it; choose another folder"

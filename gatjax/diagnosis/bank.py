@@ -140,7 +140,8 @@ def _steps(joint: Joint, residual: np.ndarray) -> Starts:
 def _spring() -> Hypothesis:
     def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
         drive["spring"] = gain_of(joint) * float(x[0])
-        drive["bias"] = limit_of(joint) * float(x[1])
+        known = joint.nominal.get("bias", 0.0)
+        drive["bias"] = known + limit_of(joint) * float(x[1])
 
     starts = ((0.05, 0.0), (0.2, 0.0), (-0.05, 0.0), (0.0, 0.1), (0.0, -0.1))
     return Hypothesis(
@@ -149,9 +150,7 @@ def _spring() -> Hypothesis:
     )  # fmt: skip
 
 
-_LOAD = positive(
-    "load_friction", "coefficient", "loaded", 0.02, 3.0, (0.1, 0.3, 0.8), added=True
-)
+_LOAD = positive("load_friction", "coefficient", "loaded", 0.02, 3.0, (0.1, 0.3, 0.8))
 _WIDTH = positive("backlash", "width", "width", 0.002, 0.2, (0.008, 0.02, 0.04, 0.08))
 _SPRING = positive(
     "joint_elasticity", "stiffness", "stiffness", 0.05, 60.0, (0.3, 1.0, 3.0), gain_of
@@ -161,10 +160,7 @@ CAUSES: tuple[Hypothesis, ...] = (
     positive(
         "command_delay", "delay", "delay", 0.002, 0.2, (0.006, 0.02, 0.06), added=True
     ),
-    positive(
-        "measurement_delay", "delay", "late", 0.002, 0.2, (0.006, 0.02, 0.06),
-        added=True,
-    ),
+    positive("measurement_delay", "delay", "late", 0.002, 0.2, (0.006, 0.02, 0.06)),
     positive(
         "first_order_lag", "time_constant", "lag", 0.002, 0.5, (0.006, 0.02, 0.06)
     ),
@@ -236,5 +232,5 @@ OTHERS: tuple[Hypothesis, ...] = (
 
 def of_drive(joint: Joint, bank: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ...]:
     """Those hypotheses of a bank that the drive of a joint can have, not known yet."""
-    barred = joint.assumed.causes | (frozenset() if joint.servoed else SERVOED)
+    barred = joint.assumed.barred | (frozenset() if joint.servoed else SERVOED)
     return tuple(each for each in bank if not {each.cause, each.name} & barred)

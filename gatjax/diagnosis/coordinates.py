@@ -57,8 +57,7 @@ def positive(
         return scale(joint) * float(np.exp(x[0]))
 
     def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
-        base = drive.get(field, joint.nominal.get(field, 0.0)) if added else 0.0
-        drive[field] = base + size(joint, x)
+        drive[field] = size(joint, x) + (drive.get(field, 0.0) if added else 0.0)
 
     logs = tuple((float(np.log(start)),) for start in starts)
     plain = Hypothesis(

@@ -249,7 +249,7 @@ def _made_by(start: Start, seed: int, allowed: Tolerances) -> dict[str, Any]:
     }
     return {
         "gatjax": gatjax.__version__, "model": start.source, "seed": seed,
-        "tolerances": changed or "usual", "known": len(start.rows),
+        "tolerances": changed or "usual", "world": start.world_file,
     }  # fmt: skip
 
 

@@ -95,7 +95,7 @@ def calibration(verdict: Verdict) -> list[Row]:
         if joint.index in verdict.unexplained:
             continue  # its tolerances imitate what is not known
         x = dict(zip(TOLERANCES, fit.x[:COUNT], strict=True))
-        before = joint.assumed.numbers
+        before = joint.assumed.law(joint.nominal["limit"])
         drive = joint.nominal | numbers(joint, None, fit.x[:COUNT])
         dof = model.jnt_dofadr[model.actuator_trnid[joint.index, 0]]
         more = {  # of the driven joint alone, where others are tied to it

@@ -49,7 +49,8 @@ def needed(judge: Judge, joints: Collection[int]) -> tuple[float, float]:
 
     Without joints it is about floor, soles or inertial unit, which explain all of them.
     """
-    if not judge.accepted and joints:
+    first = not any(judge.joints[k].assumed.named for k in joints)
+    if first and not judge.accepted and joints:
         return judge.worth, SEEN
     visible = VISIBLE if judge.accepted else SEEN
     calm = all(adequate(judge, k) for k in joints)
@@ -91,6 +92,7 @@ def adequate(judge: Judge, index: int) -> bool:
     level = fit.rms() / joint.noise
     before = judge.case.healthy[index].rms() / joint.noise
     known = any(index in claim.fits for claim in judge.accepted)
+    known |= bool(joint.assumed.named)
     if index in judge.case.pulled:  # it looks better than it is
         beyond = level**2 - EXPECTED
         enough = known and level < ROUGH and beyond < DRAWN_REST * before**2

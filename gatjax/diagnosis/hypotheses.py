@@ -137,11 +137,12 @@ def tolerated(joint: Joint, x: np.ndarray) -> Numbers:
             drive[name] = joint.nominal.get(name, 0.0) + allowed.zero * value
         elif name == "delay":
             drive[name] = max(0.0, joint.nominal["delay"] + allowed.late * value)
-        elif name != "stiction":
-            drive[name] = value
-        elif name not in joint.assumed.numbers:
+        elif name == "stiction":
             excess = allowed.stribeck * max(0.0, 1.0 + value)
-            drive[name] = joint.nominal["friction"] * excess
+            own = joint.nominal["friction"] * excess
+            drive[name] = joint.nominal.get(name, own)
+        else:
+            drive[name] = value
     return drive
 
 

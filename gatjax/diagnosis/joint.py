@@ -24,18 +24,25 @@ CREEP = 0.06  # rad/s, speed at which stiction has faded
 GRAVITY = ("gravity_x", "gravity_y", "gravity_z")  # in `nominal`, m/s^2
 UNLIMITED = 1e5  # N m: a limit of that size is none
 GIVE = 3e-4  # rad, that dry friction yields before it slips
+GEARS = frozenset({"backlash", "joint_elasticity"})
 OBSERVED = 10.0  # 1/s, how fast a joint without a servo is drawn to its measured motion
 
 
 class Assumed(NamedTuple):
     """What is known of a joint besides its model."""
 
-    numbers: dict[str, float]  # fields of laws.Drive
-    causes: frozenset[str]  # that are not looked for again
-    geared: bool  # motor and link are simulated apart
+    law: Callable[[float], dict[str, float]]  # torque limit N m -> fields of laws.Drive
+    barred: frozenset[str]  # causes that are not looked for again
+    named: frozenset[str]  # causes that act here; calibration is none
+    supply: float | None  # N m of all servos at which the supply sags most
+
+    @property
+    def geared(self) -> bool:
+        """Whether motor and link are simulated apart."""
+        return bool(self.named & GEARS)
 
 
-NOTHING = Assumed({}, frozenset(), False)
+NOTHING = Assumed(lambda limit: {}, frozenset(), frozenset(), None)
 
 
 class Link(NamedTuple):
@@ -229,7 +236,8 @@ def build(
     rows = -(-max(len(run.time) for run in runs) // ROWS) * ROWS
     noise = np.hypot(noise_of(runs), allowed.angle)
     supply = supply_load(model, tree, moved, loads)
-    grids = _grids(runs, moved, loads, supply)
+    total = assumed[0].supply if assumed else None
+    grids = _grids(runs, moved, loads, _share(supply, total))
     at = np.stack([_padded(run.time - run.time[0], rows) for run in runs])
     moving = [starts.underway(run) for run in runs]
     joints = []
@@ -239,9 +247,7 @@ def build(
         if not limited:
             drive["limit"] = _asked(runs, moved, index, drive)
         more = assumed[index] if assumed else NOTHING
-        drive |= more.numbers
-        if "sag" in more.numbers:  # per N m so far
-            drive["sag"] *= max(float(total.max()) for total in supply)
+        drive |= more.law(drive["limit"])
         grid = grids(index, drive["armature"])
         seen = np.stack([_padded(run.angle[:, index], rows) for run in runs])
         valid = np.zeros(seen.shape, bool)
@@ -278,8 +284,6 @@ def _grids(
     targets = held([run.command for run in runs])
     shares = held([run.stiff for run in runs])
     added = weights.shapes(loads)
-    largest = max(float(total.max()) for total in supply)
-    supply = [total / max(largest, 1e-9) for total in supply]
 
     def series(columns: list[np.ndarray], points: np.ndarray = at) -> Any:
         parts = [motions.spread(time, points, column) for column in columns]
@@ -318,6 +322,13 @@ def _grids(
         )
 
     return grid
+
+
+def _share(supply: list[np.ndarray], total: float | None) -> list[np.ndarray]:
+    """Load of the supply as a share of `total` N m, or of its largest; 1 at most."""
+    if total is None:
+        total = max(float(load.max()) for load in supply)
+    return [np.minimum(load / max(total, 1e-9), 1.0) for load in supply]
 
 
 def _free(model: mujoco.MjModel, run: JointRun, index: int) -> np.ndarray:

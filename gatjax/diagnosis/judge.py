@@ -109,7 +109,7 @@ class Judge(Known):
         """Whether a joint is drawn less, and even its best explanation goes astray."""
         known, best = self.known[index].rms(), self._best(index)
         noise = self.joints[index].noise
-        limit = astray(best) if known > ASTRAY * noise else ASTRAY
+        limit = astray(self.joints[index], best) if known > ASTRAY * noise else ASTRAY
         missed = best.rms() > max(limit * noise, STRAYING * known)
         drawn = 0.0 if self.joints[index].servoed else OBSERVED
         return missed and self.case.pulled.get(index, drawn) < rate
@@ -203,6 +203,10 @@ class Judge(Known):
         for n, (hypothesis, own) in enumerate(values):
             suspects = [claim.where[0] for claim in chosen[n]]
             for group in self._groups(suspects):
+                if any(
+                    hypothesis.cause in self.joints[k].assumed.barred for k in group
+                ):
+                    continue
                 mine = {k: fixed[k][n] for k in group}
                 sure = uncertainty([free[k][n] for k in group], len(own))
                 out.append(self._joint_claim(hypothesis, own, mine, sure))
@@ -291,7 +295,7 @@ class Judge(Known):
         noisy = [
             k for k in missing
             if left[k] > NOISY * self.joints[k].noise
-            and not self.known[k].geared
+            and not (self.known[k].geared or self.joints[k].assumed.geared)
             and not any(k in (claim.lost or {}) for claim in self.accepted)
         ]  # fmt: skip
         self.losses = {k: v for k, v in self.losses.items() if k not in missing}

@@ -31,11 +31,12 @@ PASSES = 6  # over the loads that a new claim makes, at most
 Mine = TypeVar("Mine", bound="Known")
 
 
-def astray(fit: Fit) -> float:
+def astray(joint: Joint, fit: Fit) -> float:
     """Times the noise that a joint leaves which cannot be followed open loop."""
     owner = fit.hypothesis
     parts = () if owner is None else owner.parts or (owner,)
-    return PARTED if any(part.cause == GAP for part in parts) else ASTRAY
+    causes = {part.cause for part in parts} | joint.assumed.named
+    return PARTED if GAP in causes else ASTRAY
 
 
 def changed(case: Case, claim: Claim, index: int, joint: Joint) -> Joint:
@@ -78,7 +79,8 @@ class Known:
         self._draw(dict.fromkeys(held, 0.0))
         free = self._settled(claim, prior)
         if any(
-            self.known[k].rms() > astray(self.known[k]) * self.joints[k].noise
+            self.known[k].rms()
+            > astray(self.joints[k], self.known[k]) * self.joints[k].noise
             for k in held
         ):
             self.case, self.joints, self.known = state

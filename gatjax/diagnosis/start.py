@@ -6,28 +6,28 @@ causes become numbers of the simulated joints, in place of neutral ones.
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
 
+from gatjax.diagnosis.hypotheses import Numbers
 from gatjax.diagnosis.joint import Assumed
 from gatjax.effects.catalogue import CATALOGUE
 from gatjax.effects.joint import WARM
 from gatjax.robot import model as robot_model
+from gatjax.runs import read_json
 from gatjax.sim import causes, derived
 from gatjax.sim import world as worlds
 from gatjax.sim.world import World
 from gatjax.task import Task
 
-Numbers = dict[str, float]
-GEARS = frozenset({"backlash", "joint_elasticity"})
 ADDING = frozenset({
     "armature", "asymmetric_friction", "clock_drift", "com_shift", "command_delay",
-    "coulomb_friction", "damping_error", "encoder_offset", "encoder_scale",
-    "gain_error", "gravity_tilt", "load_friction", "measurement_delay", "payload",
-    "torque_limit", "viscous_friction",
+    "coulomb_friction", "damping_error", "encoder_offset", "gain_error",
+    "gravity_tilt", "payload", "torque_limit", "viscous_friction",
 })  # fmt: skip
 """Causes that may be there twice: what is found besides adds up with what is known."""
 
@@ -50,21 +50,19 @@ NUMBERS = {
     },
     "encoder_scale": {"scale": "scale"},
     "clock_drift": {"drift": "drift"},
+    "supply_sag": {"sag": "max_drop"},
+    "thermal_derating": {"cooling": "cooling"},
 }  # fmt: skip
 """Fields of `laws.Drive` and the parameters of the catalogue that they are."""
 
 
-def numbers(cause: str, values: Numbers, limit: float, every: float) -> Numbers:
+def numbers(cause: str, values: Numbers, limit: float) -> Numbers:
     """Fields of `laws.Drive` that a known cause sets; none if it changes the model.
 
     Args:
         cause: of the catalogue.
         values: all of its parameters.
         limit: torque limit of the joint, N m.
-        every: sum of all joints' limits, N m.
-
-    Returns:
-        SI units; `sag` per N m of all servos' torque.
     """
     fixed = {field: values[name] for field, name in NUMBERS.get(cause, {}).items()}
     match cause:
@@ -76,16 +74,12 @@ def numbers(cause: str, values: Numbers, limit: float, every: float) -> Numbers:
             return {"bias": -0.5 * values["torque"]}
         case "encoder_offset":
             return {"zero_in" if values["in_loop"] else "zero_out": values["offset"]}
-        case "supply_sag":
-            total = values["total"]
-            return {
-                "sag": values["max_drop"] / (0.5 * every if np.isnan(total) else total)
-            }
         case "thermal_derating":
-            heat, cooling = values["heat"], values["cooling"]
-            heat = (WARM * limit) ** 2 * cooling if np.isnan(heat) else heat
-            lost = values["lost_fraction"] * limit**2 / heat
-            return {"heat": lost, "cooling": cooling}
+            usual = WARM**2 * values["cooling"]  # in squares of the limit
+            heat = values["heat"] / limit**2
+            return fixed | {
+                "heat": values["lost_fraction"] / (usual if np.isnan(heat) else heat)
+            }
     return fixed
 
 
@@ -94,6 +88,7 @@ class Start(NamedTuple):
 
     source: str
     rows: tuple[dict, ...] = ()
+    world_file: str | None = None  # that they were read from
 
     def world(self, period: float, timestep: float | None = None) -> World:
         """The simulation that logs are compared with.
@@ -119,50 +114,66 @@ class Start(NamedTuple):
 
     def joints(self, model: mujoco.MjModel) -> list[Assumed]:
         """What is assumed of each joint besides this model, which `model` made."""
-        most = model.actuator_forcerange[:, 1]
-        return [
-            self._assumed(name, float(limit), float(most.sum()))
-            for name, limit in zip(robot_model.joint_names(model), most, strict=True)
-        ]
+        names = robot_model.joint_names(model)
+        every = float(model.actuator_forcerange[:, 1].sum())
+        return [self._assumed(name, every) for name in names]
 
-    def _assumed(self, name: str, limit: float, every: float) -> Assumed:
+    def _assumed(self, name: str, every: float) -> Assumed:
+        """Of one joint; `every` is the sum of all torque limits, N m."""
         rows = [row for row in self.rows if {name, "all"} & set(row["where"])]
-        found: Numbers = {}
-        for row in rows:
-            cause, values = row["cause"], causes.completed(row)
-            for field, new in numbers(cause, values, limit, every).items():
-                adds = cause in ADDING and field != "by_servo"
-                found[field] = new + (found.get(field, 0.0) if adds else 0.0)
-        named = frozenset(row["cause"] for row in rows)
-        return Assumed(found, named - ADDING, bool(named & GEARS))
+        own = [(row["cause"], causes.completed(row)) for row in rows]
+
+        def law(limit: float) -> Numbers:
+            found: Counter[str] = Counter()
+            for cause, values in own:
+                found.update(numbers(cause, values, limit))  # adds up
+            return dict(found)
+
+        sags = [values["total"] for cause, values in own if cause == "supply_sag"]
+        total = (0.5 * every if np.isnan(sags[0]) else sags[0]) if sags else None
+        named = {row["cause"] for row in rows if row.get("role") != "calibration"}
+        barred = frozenset(cause for cause, _ in own) - ADDING
+        return Assumed(law, barred, frozenset(named), total)
 
 
-def known(path: Path) -> Start:
-    """What a world file says, or that of a folder.
+def read_start(path: Path) -> Start:
+    """What a world file knows, or that of a folder.
 
     Raises:
         FileNotFoundError: it or its model does not exist.
         ValueError: it is no world file, or has what a diagnosis cannot start from.
     """
-    world, grounding = worlds.read_world(path)
-    if grounding is not None:
+    file = worlds.world_file(path)
+    if file.is_file() and read_json(file).get("grounding"):
         raise ValueError(
-            f"{path} has a grounding ({grounding}), which hides causes; diagnose from "
-            f"a world without one"
+            f"{file} has a grounding, which hides causes; diagnose from a world without"
         )
+    world, _ = worlds.read_world(path)
+    seen: set[tuple[str, str]] = set()
     for row in world.causes:
-        cause, values = row["cause"], causes.completed(row)
-        if CATALOGUE[cause].place in ("imu", "ground", "foot"):
-            raise ValueError(
-                f"{path}: a diagnosis cannot start from {cause}; leave it out"
-            )
-        if cause in ("dropped_commands", "command_noise"):
-            raise ValueError(
-                f"{path}: which ticks {cause} hit is not known; leave it out, it will "
-                f"be found again"
-            )
-        if cause == "encoder_scale" and values["in_loop"]:
-            raise ValueError(
-                f"{path}: encoder_scale in the loop cannot be started from"
-            )
-    return Start(world.source, world.causes)
+        cause, places = row["cause"], _places(world, row)
+        reason = _unfit(row)
+        if cause not in ADDING and seen & {(cause, place) for place in places}:
+            reason = "comes twice at one joint"
+        if reason:
+            raise ValueError(f"{file}: {cause} {reason}; leave it out")
+        seen |= {(cause, place) for place in places}
+    return Start(world.source, world.causes, str(file))
+
+
+def _places(world: World, row: dict[str, Any]) -> tuple[str, ...]:
+    """Joints that a row is about."""
+    every = robot_model.joint_names(world.model)
+    return every if row["where"] == ["all"] else tuple(row["where"])
+
+
+def _unfit(row: dict[str, Any]) -> str:
+    """Why a diagnosis cannot start from a row, or nothing."""
+    entry, values = CATALOGUE[row["cause"]], causes.completed(row)
+    if entry.place in ("imu", "ground", "foot"):
+        return "is about no joint, and only joints can be started from"
+    if any(part.slot == "command" for part in entry.parts):
+        return "hits ticks that nobody knows"
+    if row["cause"] == "encoder_scale" and values["in_loop"]:
+        return "in the loop is no law of the single joint"
+    return ""
