@@ -1,9 +1,12 @@
 """What a claim needs to be named."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from gatjax.diagnosis import findings
 from gatjax.diagnosis.claims import LATER, WORTH
+from gatjax.diagnosis.joint import NOTHING
 from gatjax.diagnosis.judge import Judge
 
 
@@ -23,4 +26,13 @@ def test_a_further_cause_needs_more_where_the_rest_is_noise(
     monkeypatch.setattr(findings, "adequate", lambda judge, index: index in calm)
     judge = object.__new__(Judge)
     judge.accepted = accepted
+    judge.joints = [SimpleNamespace(assumed=NOTHING)] * 3
     assert findings.needed(judge, joints)[0] == nats
+
+
+def test_a_further_cause_needs_more_beside_one_that_was_known_before(monkeypatch):
+    monkeypatch.setattr(findings, "adequate", lambda judge, index: False)
+    judge = object.__new__(Judge)
+    worn = NOTHING._replace(named=frozenset({"backlash"}))
+    judge.accepted, judge.joints = [], [SimpleNamespace(assumed=worn)]
+    assert findings.needed(judge, (0,))[0] == LATER

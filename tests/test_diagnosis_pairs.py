@@ -9,6 +9,7 @@ from gatjax.diagnosis import findings, pairs, verdict
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined
+from gatjax.diagnosis.joint import NOTHING
 from gatjax.diagnosis.judge import Judge
 
 LAW = ""  # a claim without a name
@@ -185,7 +186,10 @@ def test_a_joint_of_a_cause_of_many_may_have_a_cause_of_its_own(monkeypatch):
     monkeypatch.setattr(Judge, "visibility", lambda judge, claim: 1.0)
     judge = Scripted({}, set())
     judge.case.healthy = [fit(9.0)] * 3
-    judge.known, judge.joints = [fit(3.0)] * 3, [SimpleNamespace(noise=NOISE)] * 3
+    judge.known, judge.joints = (
+        [fit(3.0)] * 3,
+        [SimpleNamespace(noise=NOISE, assumed=NOTHING)] * 3,
+    )
     second = claim("delay", fits={0: fit(2.0)})  # explains 0.65 of the rest
     judge.accepted = [claim("payload", fits={0: fit(3.0)})]
     assert not findings.worth_naming(judge, second)
@@ -196,7 +200,7 @@ def test_a_joint_of_a_cause_of_many_may_have_a_cause_of_its_own(monkeypatch):
 def test_one_of_several_joints_may_have_a_cause_of_its_own_besides():
     judge = Scripted({}, set())
     judge.known = [fit(8.0), fit(8.0), fit(50.0)]
-    judge.joints = [SimpleNamespace(noise=NOISE)] * 3
+    judge.joints = [SimpleNamespace(noise=NOISE, assumed=NOTHING)] * 3
     left = {0: fit(1.0), 1: fit(1.0), 2: fit(49.0)}
     assert findings.whole(judge, claim("gain", fits=left))
     assert not findings.whole(judge, claim("gain", fits={1: left[1], 2: left[2]}))
