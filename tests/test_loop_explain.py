@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from gatjax import loop, runs
+from gatjax.diagnosis.start import Start
 from gatjax.loop import explain
 from gatjax.loop.setting import Setting
 from gatjax.settings import LoopSettings, SearchSettings
@@ -51,11 +52,11 @@ class Diagnosis:
     def __init__(self, promoted=True, **causes):
         self.causes, self.promoted, self.given = causes, promoted, []
 
-    def __call__(self, source, files, out, seed, tell):
-        self.given.append((source, files.fit, files.held))
+    def __call__(self, start, files, out, seed, tell):
+        self.given.append((start, files.fit, files.held))
         tell("causes", 0.5)
         out.mkdir()
-        world = nominal(Task(), source, 0.0005)
+        world = start.world(Task().control_period, 0.0005)
         for name, value in self.causes.items():
             world = add_cause(world, name, ["all"], value)
         write_world(out / "world.json", world, {}, None)
@@ -95,8 +96,8 @@ def opened(root, monkeypatch, diagnosis):
 
 def test_the_robot_stands_and_plays_for_its_diagnosis(run):
     folder, found = run
-    ((source, fit, held),) = found.given
-    assert source == "nao"
+    ((start, fit, held),) = found.given
+    assert start == Start("nao")
     motions = [[log.metadata["motion"] for log in logs] for logs in (fit, held)]
     assert motions == [["rich", "steps_small"], ["multisine"]]
     assert all(log.metadata["base"] == "floating" for log in (*fit, *held))
