@@ -56,7 +56,7 @@ def angles(world):
 def swing(
     target=HELD, kp=KP, kv=KV, damping=DAMPING, inertia=INERTIA, encoder=lambda q: q,
     limit=lambda v: (-LIMIT, LIMIT), friction=lambda v, pull: (FRICTION, FRICTION),
-    load=lambda q: -WEIGHT * np.sin(q), weaken=None,
+    load=lambda q: -WEIGHT * np.sin(q), weaken=None, arrives=lambda pull: pull,
 ):  # fmt: skip
     """Angles [steps] of the pendulum; friction is (forwards, backwards), N m."""
     q = v = 0.0
@@ -65,7 +65,7 @@ def swing(
         out[step] = q
         low, high = limit(v)
         pull = share * kp * (told - encoder(q)) - kv * v
-        pull = min(max(pull, share * low), share * high)
+        pull = arrives(min(max(pull, share * low), share * high))
         if weaken is not None:
             memory, share = weaken(memory, pull)
         forwards, backwards = friction(v, pull)
@@ -199,6 +199,10 @@ CASES = {
     "damping_error": ({"scale": 3.0}, lambda: rows(swing(kv=3.0 * KV))),
     "torque_limit": (
         {"limit": 1.5}, lambda: rows(swing(limit=lambda v: (-1.5, 1.5))),
+    ),
+    "torque_saturation": (
+        {"torque": 3.0},
+        lambda: rows(swing(arrives=lambda pull: pull / (1.0 + abs(pull) / 3.0))),
     ),
     "speed_limit": ({"limit": 2.0}, lambda: rows(swing(slewed(2.0)))),
     "speed_limit motor": (

@@ -41,7 +41,8 @@ VALUES = {  # of every cause that acts on an arm without sensors and ground
     "dropped_commands": {"probability": 0.2},
     "first_order_lag": {"time_constant": 0.02},
     "gain_error": {"scale": 0.7}, "damping_error": {"scale": 2.0},
-    "torque_limit": {"limit": 1.2}, "speed_limit": {"limit": 3.0},
+    "torque_limit": {"limit": 1.2}, "torque_saturation": {"torque": 2.0},
+    "speed_limit": {"limit": 3.0},
     "viscous_friction": {"coefficient": 0.2}, "coulomb_friction": {"torque": 0.15},
     "stiction": {"excess": 0.5, "velocity": 0.5}, "load_friction": {"coefficient": 0.3},
     "backlash": {"width": 0.05}, "dead_band": {"half_width": 0.02},
@@ -169,7 +170,7 @@ MIX = [
     "coulomb_friction", "stiction", "load_friction", "backlash", "dead_band",
     "command_quantization", "joint_elasticity", "torque_ripple", "asymmetric_friction",
     "payload", "com_shift", "armature", "gravity_tilt", "thermal_derating",
-    "supply_sag", "clock_drift",
+    "supply_sag", "clock_drift", "torque_saturation",
 ]  # fmt: skip
 
 
@@ -195,6 +196,7 @@ def backends(arm):
     [], ["backlash"], ["joint_elasticity"], ["stiction"], ["load_friction"],
     ["payload", "com_shift", "armature", "gravity_tilt"],
     ["thermal_derating", "supply_sag", "speed_limit", "torque_limit"],
+    ["torque_saturation"],
     ["encoder_offset", "encoder_scale", "measurement_delay", "clock_drift"],
     MIX,
 ], ids=lambda names: "-".join(names[:2]))  # fmt: skip

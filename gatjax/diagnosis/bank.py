@@ -24,6 +24,7 @@ from gatjax.diagnosis.joint import GRAVITY, Joint
 from gatjax.diagnosis.loads import BODY_TERMS, TERMS, tilted
 
 ARM = 0.08  # m, how far from the centre of mass a payload is expected
+_LATE = (0.006, 0.02, 0.06, 0.15)  # s
 _SPEEDS = (0.5, 0.8, 1.2, 1.8, 2.7, 4.0, 6.0, 9.0)  # rad/s
 _BANDS = tuple(np.geomspace(0.003, 0.08, 10))  # rad
 _SHARES = tuple(np.geomspace(0.05, 0.85, 16))  # of a limit
@@ -120,6 +121,22 @@ def _thermal() -> Hypothesis:
     )  # fmt: skip
 
 
+def _saturation() -> Hypothesis:
+    """A torque that falls short: ln of the limit over the torque that halves it."""
+
+    def values(joint: Joint, x: np.ndarray) -> Numbers:
+        return {"torque": limit_of(joint) * float(np.exp(-x[0]))}
+
+    def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
+        drive["soft"] = 1.0 / values(joint, x)["torque"]
+
+    starts = tuple((float(np.log(share)),) for share in (0.1, 0.3, 1.0))
+    return Hypothesis(
+        "torque_saturation", "", put, starts, (0.03,), (np.log(0.02),), (np.log(10.0),),
+        values,
+    )  # fmt: skip
+
+
 def _torque_speed() -> Hypothesis:
     """Torque-speed line; the catalogue's limit is the speed that friction allows."""
     base = positive("speed_limit", "limit", "speed", 0.3, 30.0, _SPEEDS)
@@ -157,13 +174,9 @@ _SPRING = positive(
 )
 
 CAUSES: tuple[Hypothesis, ...] = (
-    positive(
-        "command_delay", "delay", "delay", 0.002, 0.2, (0.006, 0.02, 0.06), added=True
-    ),
-    positive("measurement_delay", "delay", "late", 0.002, 0.2, (0.006, 0.02, 0.06)),
-    positive(
-        "first_order_lag", "time_constant", "lag", 0.002, 0.5, (0.006, 0.02, 0.06)
-    ),
+    positive("command_delay", "delay", "delay", 0.002, 0.2, _LATE, added=True),
+    positive("measurement_delay", "delay", "late", 0.002, 0.2, _LATE),
+    positive("first_order_lag", "time_constant", "lag", 0.002, 0.5, _LATE),
     factor("gain_error", "kp", 0.05, 5.0, (0.4, 0.7, 1.4, 2.0)),
     factor("damping_error", "kv", 0.02, 60.0, (0.3, 2.0, 6.0, 20.0)),
     factor("torque_limit", "limit", 0.02, 0.97, _SHARES),
@@ -214,6 +227,7 @@ CAUSES: tuple[Hypothesis, ...] = (
     _thermal(),
     signed("clock_drift", "", "drift", "drift", 0.0015, 0.02),
     positive("supply_sag", "max_drop", "sag", 0.02, 0.7, (0.08, 0.2, 0.4)),
+    _saturation(),
 )  # fmt: skip
 """Causes of the catalogue that a single joint can show."""
 

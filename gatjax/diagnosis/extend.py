@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from gatjax.diagnosis import drops, plant
 from gatjax.diagnosis.claims import Claim
+from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, TOLERANCES, numbers
+from gatjax.diagnosis.joint import Joint
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.verdict import Verdict
 from gatjax.effects.catalogue import CATALOGUE
@@ -95,48 +98,58 @@ def calibration(verdict: Verdict) -> list[Row]:
         if joint.index in verdict.unexplained:
             continue  # its tolerances imitate what is not known
         x = dict(zip(TOLERANCES, fit.x[:COUNT], strict=True))
-        before = joint.assumed.law(joint.nominal["limit"])
-        drive = joint.nominal | numbers(joint, None, fit.x[:COUNT])
-        dof = model.jnt_dofadr[model.actuator_trnid[joint.index, 0]]
-        more = {  # of the driven joint alone, where others are tied to it
-            name: max(drive[name] - joint.nominal[name], -float(own[dof]))
-            for name, own in (
-                ("damping", model.dof_damping), ("friction", model.dof_frictionloss),
-                ("armature", model.dof_armature),
-            )
-        }  # fmt: skip
-        changes: dict[str, tuple[str, float]] = {
-            "kp": ("gain_error", drive["kp"] / joint.nominal["kp"]),
-            "kv": ("damping_error", drive["kv"] / max(joint.nominal["kv"], 1e-9)),
-            "damping": ("viscous_friction", more["damping"]),
-            "friction": ("coulomb_friction", more["friction"]),
-            "armature": ("armature", more["armature"]),
-            "limit": ("torque_limit", drive["limit"]),
-            "zero_out": (
-                "encoder_offset",
-                drive["zero_out"] - before.get("zero_out", 0.0),
-            ),
-            "delay": ("command_delay", drive["delay"] - before.get("delay", 0.0)),
-        }
-        for name, (cause, value) in changes.items():
-            stronger = name == "limit" and drive["limit"] > joint.nominal["limit"]
+        for name, (cause, value, more) in _corrections(joint, fit, model).items():
+            nominal = joint.nominal.get(name, 0.0)
+            stronger = name == "limit" and value > nominal
             sooner = name == "delay" and value < 0.0
-            if abs(x[name]) < LEAST or stronger or sooner:
+            unheard = name == "zero_in" and not joint.servoed
+            if abs(x[name]) < LEAST or stronger or sooner or unheard:
                 continue
-            values = {CATALOGUE[cause].main.name: float(value)}
+            values = {CATALOGUE[cause].main.name: float(value)} | more
             rows.append(
                 {"cause": cause, "where": [joint.name], "values": values,
                  "role": "calibration"}
             )  # fmt: skip
-    return sorted(rows, key=lambda row: row["cause"])  # so that they share effects
+    # in an order in which they share effects
+    return sorted(rows, key=lambda row: (row["cause"], len(row["values"])))
+
+
+def _corrections(
+    joint: Joint, fit: Fit, model: mujoco.MjModel
+) -> dict[str, tuple[str, float, dict[str, float]]]:
+    """By tolerance: the cause that corrects it, its value and further parameters."""
+    before = joint.assumed.law(joint.nominal["limit"])
+    drive = joint.nominal | numbers(joint, None, fit.x[:COUNT])
+    dof = model.jnt_dofadr[model.actuator_trnid[joint.index, 0]]
+    more = {  # of the driven joint alone, where others are tied to it
+        name: max(drive[name] - joint.nominal[name], -float(own[dof]))
+        for name, own in (
+            ("damping", model.dof_damping), ("friction", model.dof_frictionloss),
+            ("armature", model.dof_armature),
+        )
+    } | {
+        name: drive[name] - before.get(name, 0.0)
+        for name in ("zero_out", "zero_in", "delay")
+    }  # fmt: skip
+    return {
+        "kp": ("gain_error", drive["kp"] / joint.nominal["kp"], {}),
+        "kv": ("damping_error", drive["kv"] / max(joint.nominal["kv"], 1e-9), {}),
+        "damping": ("viscous_friction", more["damping"], {}),
+        "friction": ("coulomb_friction", more["friction"], {}),
+        "armature": ("armature", more["armature"], {}),
+        "limit": ("torque_limit", drive["limit"], {}),
+        "zero_out": ("encoder_offset", more["zero_out"], {}),
+        "zero_in": ("encoder_offset", more["zero_in"], {"in_loop": 1.0}),
+        "delay": ("command_delay", more["delay"], {}),
+    }
 
 
 def neutral(rows: list[Row]) -> list[Row]:
     """Rows of calibration that change nothing, for a world of the same structure."""
     return [
-        row
-        | {"values": {name: CATALOGUE[row["cause"]].neutral for name in row["values"]}}
+        row | {"values": row["values"] | {entry.main.name: entry.neutral}}
         for row in rows
+        for entry in [CATALOGUE[row["cause"]]]
     ]
 
 

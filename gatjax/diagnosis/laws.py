@@ -43,6 +43,7 @@ class Drive(NamedTuple):
     heat: Array  # lost share per heat
     cooling: Array  # s
     sag: Array  # lost share when the supply is loaded most
+    soft: Array  # 1/(N m): a torque falls short by that share of itself
     width: Array  # rad, play (geared plant only)
     stiffness: Array  # N m/rad (geared plant only)
     sensed: Array  # 1: encoder on the motor, 0: on the link (geared plant only)
@@ -92,6 +93,7 @@ class Push(NamedTuple):
     """Servo torque = push - kv speed, within limits."""
 
     push: Array
+    kv: Array
     low: Array
     high: Array
 
@@ -133,11 +135,11 @@ def servo(
     left *= jnp.clip(1.0 - p.sag * g.supply[:, None], 0.05, 1.0)
     stiffness = g.stiffness[:, None]
     most = p.limit * left * (stiffness > 0.0)  # without power no back EMF either
-    push = Push(
-        p.kp * stiffness * left * (error + integral),
-        -most * jnp.clip(1.0 + speed / p.speed, 0.0, 1.0),
-        most * jnp.clip(1.0 - speed / p.speed, 0.0, 1.0),
-    )
+    gain = p.kp * stiffness * left * (error + integral)
+    low = -most * jnp.clip(1.0 + speed / p.speed, 0.0, 1.0)
+    high = most * jnp.clip(1.0 - speed / p.speed, 0.0, 1.0)
+    got = 1.0 / (1.0 + p.soft * jnp.abs(jnp.clip(gain - p.kv * speed, low, high)))
+    push = Push(got * gain, got * p.kv, got * low, got * high)
     return Servo(lagged, held, s.heat, integral), push
 
 

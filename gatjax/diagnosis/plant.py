@@ -100,14 +100,14 @@ def driven(
         given = (mass - 0.5 * h * resist) * speed + aside + h * force
         return given / solid, solid
 
-    free, _ = freely(p.kv + p.damping, push.push)
-    asked = push.push - 0.5 * p.kv * (speed + free)
+    free, _ = freely(push.kv + p.damping, push.push)
+    asked = push.push - 0.5 * push.kv * (speed + free)
     bound = jnp.clip(asked, push.low, push.high)
     inside = bound == asked
-    resist = p.damping + jnp.where(inside, p.kv, 0.0)
+    resist = p.damping + jnp.where(inside, push.kv, 0.0)
     free, solid = freely(resist, jnp.where(inside, push.push, bound))
     new, bristle = rubbed(p, free, solid, old, h)
-    done = jnp.where(inside, push.push - 0.5 * p.kv * (speed + new), bound)
+    done = jnp.where(inside, push.push - 0.5 * push.kv * (speed + new), bound)
     return new, bristle, done
 
 

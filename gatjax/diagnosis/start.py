@@ -74,6 +74,8 @@ def numbers(cause: str, values: Numbers, limit: float) -> Numbers:
             return {"bias": -0.5 * values["torque"]}
         case "encoder_offset":
             return {"zero_in" if values["in_loop"] else "zero_out": values["offset"]}
+        case "torque_saturation":
+            return {"soft": 1.0 / values["torque"]}
         case "thermal_derating":
             usual = WARM**2 * values["cooling"]  # in squares of the limit
             heat = values["heat"] / limit**2

@@ -189,6 +189,12 @@ CATALOGUE = {
         "lost share = max_drop min(1, sum |torque| / total)",
         "Dynamixel stall torque over voltage: 5 to 25 %", "all",
     ),
+    "torque_saturation": Cause(
+        (P("torque", "N*m", 1e-6, 100.0 * MOST),), INF,
+        (Part("joint", _plain(joint.saturation), ("torque",)),),
+        "of a servo torque t arrives t / (1 + |t| / torque)",
+        "iron and drivers saturate; 1 N m in BAM's logs of an XL-330",
+    ),
     "clock_drift": Cause(
         (P("drift", "1", -0.05, 0.05),), 0.0, (Part("log", None, ("drift",)),),
         "row at t holds the angle at (1 - drift) t; acts on replays only",

@@ -99,6 +99,22 @@ def bias() -> Effect:
     return memoryless(change)
 
 
+def saturation() -> Effect:
+    """Torque that falls short of the current; params: torque N m, inf is neutral.
+
+    What arrives of a torque t is t / (1 + |t| / torque): half of it at `torque`.
+    """
+
+    def change(torque: Array, drive: Drive) -> Drive:
+        servo, asked = drive.servo, pull(drive)
+        share = 1.0 / (1.0 + namespace_of(asked).abs(asked) / torque)
+        drive = _weakened(drive, share)
+        damping = share * servo.damping
+        return drive._replace(servo=drive.servo._replace(damping=damping))
+
+    return memoryless(change)
+
+
 def ripple() -> Effect:
     """Torque that goes with the angle; params: amplitude in N m, cycles, phase in rad.
 

@@ -228,7 +228,7 @@ MENU: dict[str, Motion] = {
         Motion(
             "together_alone", "joint after joint (six groups where there are more), "
             "then all at once",
-            ("supply_sag", "torque_limit", "gain_error"),
+            ("supply_sag", "torque_limit", "torque_saturation", "gain_error"),
             25.0, 0.015, patterns.together_alone,
         ),
     )
