@@ -8,7 +8,7 @@ import pytest
 
 from gatjax.effects import body, drive, sensor
 from gatjax.effects.catalogue import CATALOGUE, cause
-from gatjax.effects.cause import complete
+from gatjax.effects.cause import complete, spread
 from gatjax.effects.effect import Effect, chain
 from gatjax.records import Reading, Sensed, Signal
 from gatjax.robot.model import joint_names
@@ -427,10 +427,17 @@ def spin(model, fields, seconds, velocity=0.0, target=0.0, load=0.0):
     return np.array(speeds), np.array(torques), data.qpos.copy()
 
 
+def wheels_params(name, value):
+    """What the first part of a cause takes, alike at both wheels."""
+    entry = CATALOGUE[name]
+    values = complete(name, entry, {entry.main.name: value})
+    return spread(entry, entry.parts[0], ("a", "b"), ["all"], values)
+
+
 @bodies
 def test_a_neutral_body_effect_leaves_every_field_as_it_is(name):
     model, entry = wheels(), CATALOGUE[name]
-    fields = entry.parts[0].build(model, {}, np.full(2, entry.neutral))
+    fields = entry.parts[0].build(model, {}, wheels_params(name, entry.neutral))
     assert fields
     for field, value in fields.items():
         np.testing.assert_array_equal(value, getattr(model, field), err_msg=field)
@@ -441,10 +448,10 @@ def test_a_body_effect_writes_neither_the_model_nor_its_input(name):
     model, entry = wheels(), CATALOGUE[name]
     model.actuator_biasprm[:, 2] = -0.1
     change, size = entry.parts[0].build, min(0.05 * entry.main.high, 1.5)
-    once = change(model, {}, np.full(2, size))
+    once = change(model, {}, wheels_params(name, size))
     before = {field: np.array(value) for field, value in once.items()}
     kept = {field: np.array(getattr(model, field)) for field in once}
-    twice = change(model, once, np.full(2, 0.5 * size))
+    twice = change(model, once, wheels_params(name, 0.5 * size))
     for field, value in before.items():
         np.testing.assert_array_equal(once[field], value)
         np.testing.assert_array_equal(getattr(model, field), kept[field])
@@ -457,8 +464,9 @@ def test_body_effects_compose_with_each_other():
     fields = body.gain_error(model, body.gain_error(model, {}, 0.5 * two), 3.0 * two)
     np.testing.assert_allclose(fields["actuator_gainprm"][:, 0], 1.5 * GAIN)
     np.testing.assert_allclose(fields["actuator_biasprm"][:, 1], -1.5 * GAIN)
-    fields = body.torque_limit(model, fields, 2.0 * two)
-    fields = body.torque_limit(model, fields, 2.5 * two)
+    for limit in (2.0, 2.5):
+        params = {"limit": limit * two, "raised": 0.0 * two}
+        fields = body.torque_limit(model, fields, params)
     np.testing.assert_allclose(fields["actuator_forcerange"], [[-2.0, 2.0]] * 2)
     fields = body.viscous_friction(model, fields, 0.1 * two)
     fields = body.viscous_friction(model, fields, 0.2 * two)
@@ -470,11 +478,19 @@ def test_body_effects_compose_with_each_other():
 
 def test_torque_limit_limits_what_the_servo_pulls_with():
     model = wheels()
-    fields = body.torque_limit(model, {}, np.array([0.5, np.inf]))
+    params = {"limit": np.array([0.5, np.inf]), "raised": np.zeros(2)}
+    fields = body.torque_limit(model, {}, params)
     speeds, torques, _ = spin(model, fields, 0.05, target=1.0)
     assert np.abs(torques[:, 0]).max() == pytest.approx(0.5, abs=1e-12)
     assert torques[0, 1] == pytest.approx(3.0)  # the motor's own limit stays
     assert speeds[-1, 0] == pytest.approx(0.5 / INERTIA * 0.05, rel=1e-6)
+
+
+def test_a_servo_may_be_stronger_than_its_model_says():
+    params = {"limit": np.array([3.5, np.inf]), "raised": np.array([1.0, 1.0])}
+    fields = body.torque_limit(wheels(), {}, params)
+    expected = [[-3.5, 3.5], [-3.0, 3.0]]  # no limit is neutral, whatever is raised
+    np.testing.assert_allclose(fields["actuator_forcerange"], expected)
 
 
 def test_viscous_friction_slows_a_wheel_down_exponentially():

@@ -18,6 +18,7 @@ from gatjax.cli import main as gatjax
 from gatjax.data.readers.assemble import joined
 from gatjax.data.recording import Recording, read_recording, write_recording
 from gatjax.data.trajectories import to_arrays
+from gatjax.diagnosis.measure import stretched
 from gatjax.runs import read_json, write_json
 from gatjax.sim.replay import replay_many
 from gatjax.sim.world import World, read_world, stacked, stiffened
@@ -53,17 +54,20 @@ def even(log: Recording) -> Recording:
 
 def errors(world: World, logs: list[Recording]) -> list[float]:
     """Mean absolute error of each log, played open loop as a whole, degrees."""
-    world, told = stiffened(world), []
-    for log in logs:
-        (run,) = to_arrays(log, ("servo",))
-        speed = log.columns["velocity.servo"][:1, None]
-        played = replay_many(
-            world, stacked([world.values]), run.command[None], run.angle[:1], speed,
-            None, run.stiff[None],
-        )  # fmt: skip
-        off = np.asarray(played.reading.angle)[0] - run.angle
-        told.append(float(np.rad2deg(np.abs(off).mean())))
-    return told
+    world, runs = stiffened(world), [to_arrays(log, ("servo",))[0] for log in logs]
+    speed = np.stack([log.columns["velocity.servo"][:1] for log in logs])
+    command, share = (
+        stretched(series, 0)
+        for series in ([run.command for run in runs], [run.stiff for run in runs])
+    )
+    first = np.stack([run.angle[0] for run in runs])
+    values = stacked([world.values] * len(runs))
+    played = replay_many(world, values, command, first, speed, None, share)
+    angle = np.asarray(played.reading.angle)
+    off = [
+        row[: len(run.angle)] - run.angle for row, run in zip(angle, runs, strict=True)
+    ]
+    return [float(np.rad2deg(np.abs(each).mean())) for each in off]
 
 
 def diagnosed(split: str, out: Path) -> dict[str, Any]:

@@ -13,13 +13,15 @@ from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, TOLERANCES, numbers
 from gatjax.diagnosis.joint import Joint
 from gatjax.diagnosis.judge import Judge
+from gatjax.diagnosis.tolerances import USUAL
 from gatjax.diagnosis.verdict import Verdict
 from gatjax.effects.catalogue import CATALOGUE
 from gatjax.sim import world as worlds
 from gatjax.sim.world import World
 
 TIMESTEP = 5e-4  # s: a position servo's angle is off by its motion in half a step
-LEAST = 0.25  # of its tolerance: a smaller correction is left out
+LEAST = 0.25  # of its tolerance, the usual one at most: less is left out
+OF = {"zero_in": "zero", "zero_out": "zero", "delay": "late"}  # in `Tolerances`
 Row = dict[str, Any]
 
 
@@ -99,11 +101,12 @@ def calibration(verdict: Verdict) -> list[Row]:
             continue  # its tolerances imitate what is not known
         x = dict(zip(TOLERANCES, fit.x[:COUNT], strict=True))
         for name, (cause, value, more) in _corrections(joint, fit, model).items():
-            nominal = joint.nominal.get(name, 0.0)
-            stronger = name == "limit" and value > nominal
+            size = getattr(joint.allowed, OF.get(name, name)) * abs(x[name])
+            small = size < LEAST * getattr(USUAL, OF.get(name, name))
             sooner = name == "delay" and value < 0.0
             unheard = name == "zero_in" and not joint.servoed
-            if abs(x[name]) < LEAST or stronger or sooner or unheard:
+            boundless = name == "limit" and not joint.limited
+            if (small and abs(x[name]) < LEAST) or sooner or unheard or boundless:
                 continue
             values = {CATALOGUE[cause].main.name: float(value)} | more
             rows.append(
@@ -131,13 +134,14 @@ def _corrections(
         name: drive[name] - before.get(name, 0.0)
         for name in ("zero_out", "zero_in", "delay")
     }  # fmt: skip
+    raised = max(drive["limit"] - joint.nominal["limit"], 0.0)
     return {
         "kp": ("gain_error", drive["kp"] / joint.nominal["kp"], {}),
         "kv": ("damping_error", drive["kv"] / max(joint.nominal["kv"], 1e-9), {}),
         "damping": ("viscous_friction", more["damping"], {}),
         "friction": ("coulomb_friction", more["friction"], {}),
         "armature": ("armature", more["armature"], {}),
-        "limit": ("torque_limit", drive["limit"], {}),
+        "limit": ("torque_limit", drive["limit"], {"raised": raised}),
         "zero_out": ("encoder_offset", more["zero_out"], {}),
         "zero_in": ("encoder_offset", more["zero_in"], {"in_loop": 1.0}),
         "delay": ("command_delay", more["delay"], {}),

@@ -29,13 +29,16 @@ def _now(model: Any, fields: Fields, name: str) -> np.ndarray:
     return np.array(fields.get(name, getattr(owner, name.removeprefix("opt."))))
 
 
-def torque_limit(model: Any, fields: Fields, limit: Array) -> Fields:
-    """Lower the torque limit of the servos to `limit` [J] N m; inf is neutral.
+def torque_limit(model: Any, fields: Fields, params: dict[str, Array]) -> Fields:
+    """Limit the torque of the servos to {limit, raised} [J] N m; limit inf is neutral.
 
+    `raised` is what a servo has beyond its nominal limit, which else stays the bound.
     Of a model as `robot.model.load` makes it: every servo has a limit, maybe inf.
     """
     nominal = _now(model, fields, "actuator_forcerange")
-    bound = np.asarray(limit)[:, None]
+    bound = np.asarray(params["limit"])[:, None]
+    more = np.where(np.isfinite(bound), np.asarray(params["raised"])[:, None], 0.0)
+    nominal += more * np.array([-1.0, 1.0])
     return fields | {"actuator_forcerange": np.clip(nominal, -bound, bound)}
 
 

@@ -63,8 +63,10 @@ CATALOGUE = {
         "kv -> scale kv", "back EMF kt^2/R: 0.03 to 1.6 N m s/rad, BAM parameter files",
     ),
     "torque_limit": Cause(
-        (P("limit", "N*m", 1e-6, MOST),), INF, _body(body.torque_limit, "limit"),
-        "|servo torque| <= limit", "NAO v5 URDF effort: 3.0 and 3.3 N m",
+        (P("limit", "N*m", 1e-6, MOST), P("raised", "N*m", 0.0, MOST, 0.0)), INF,
+        _body(body.torque_limit, "limit", "raised"),
+        "|servo torque| <= limit, and <= nominal limit + raised",
+        "NAO v5 URDF effort: 3.0 and 3.3 N m",
     ),
     "speed_limit": Cause(
         (P("limit", "rad/s", 0.05, 40.0), P("on_motor", "1", 0.0, 1.0, 0.0)), INF,
