@@ -1,6 +1,7 @@
 """`gatjax bench diagnose`: cases, solvers in processes of their own, baselines."""
 
 import json
+import os
 import sys
 import threading
 import time
@@ -19,7 +20,7 @@ from gatjax.runs import read_json
 SEED = 16  # a lively log of one servo with friction that shows
 CHOICE = ["--robots", "arm_servo", "--causes", "coulomb_friction", "--kinds", "single"]
 FAKE = """
-import json, pathlib, sys, time
+import json, os, pathlib, sys, time
 flags = dict(zip(sys.argv[1:], sys.argv[2:]))
 out = pathlib.Path(flags["--out"])
 count = out / "count"
@@ -27,7 +28,9 @@ count.write_text(str(int(count.read_text()) + 1 if count.exists() else 1))
 print("gatjax: the model falls apart")
 time.sleep({sleep})
 if {good}:
-    (out / "answer.json").write_text(json.dumps({{"seed": flags["--seed"]}}))
+    mine = sorted(os.sched_getaffinity(0))
+    said = {{"seed": flags["--seed"], "processors": mine}}
+    (out / "answer.json").write_text(json.dumps(said))
 sys.exit({code})
 """
 
@@ -97,8 +100,19 @@ def test_solved_cases_are_left_alone_and_failed_ones_tried_again(blind, tmp_path
     good = fake(tmp_path)
     for _ in range(2):
         solve(good, cases, tmp_path, 5, 1, nothing)
-    assert answer(good, cases[0], tmp_path).said == {"seed": "5"}
+    assert answer(good, cases[0], tmp_path).said["seed"] == "5"
     assert (tmp_path / cases[0].name / "count").read_text() == "2"
+
+
+def test_solvers_at_a_time_do_not_share_processors(blind, tmp_path):
+    cases = read_cases(blind[0] / "set")
+    twins = [cases[0]._replace(name=name) for name in "ab"]
+    every = os.sched_getaffinity(0)
+    slow = fake(tmp_path, sleep=1.0)
+    solve(slow, twins, tmp_path, 0, 2, nothing)
+    said = [set(answer(slow, twin, tmp_path).said["processors"]) for twin in twins]
+    assert said[0] | said[1] == every
+    assert len(every) == 1 or not said[0] & said[1]
 
 
 def test_stopping_stops_the_solvers(blind, tmp_path):
