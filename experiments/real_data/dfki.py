@@ -1,0 +1,60 @@
+"""DFKI: a pendulum that is told its torque, with one load and with another.
+
+The swing-ups alone are used: later in these logs people push the pendulum. What the
+first two runs say of the drive is known when the third one is diagnosed.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from gatjax.cli import main as gatjax
+from gatjax.data.recording import read_recording, write_recording
+from gatjax.runs import read_json
+
+HERE = Path(__file__).parent
+MODEL = HERE / "models/dfki.xml"
+LIGHT = {"energy_shaping": 4.0, "sac": 3.9}  # s, until it stands
+HEAVY = {"energy_shaping_1kg": 7.8}
+
+
+def swung(ends: dict[str, float], out: Path) -> list[str]:
+    """Write the swing-ups of runs; their files."""
+    files = []
+    for name, end in ends.items():
+        log = read_recording(HERE / f"data/dfki/{name}.parquet")
+        up = log.time < end
+        columns = {key: values[up] for key, values in log.columns.items()}
+        file = out / f"{name}.parquet"
+        cut = log._replace(
+            time=log.time[up], trajectory=log.trajectory[up], columns=columns
+        )
+        write_recording(file, cut)
+        files.append(str(file))
+    return files
+
+
+def diagnosed(start: list[str], ends: dict[str, float], out: Path) -> dict[str, Any]:
+    """Diagnose swing-ups from a model or a world."""
+    if not (out / "diagnosis.json").is_file():
+        logs = out.parent / "logs"
+        logs.mkdir(parents=True, exist_ok=True)
+        given = ["--data", *swung(ends, logs), "--out", str(out)]
+        if code := gatjax(["diagnose", *start, *given]):
+            raise SystemExit(code)
+    return read_json(out / "diagnosis.json")
+
+
+def compared(out: Path) -> dict[str, Any]:
+    """What is wrong with the drive, and what hangs on it in the third run."""
+    first = diagnosed(["--model", str(MODEL)], LIGHT, out / "light")
+    then = diagnosed(["--world", str(out / "light/world.json")], HEAVY, out / "heavy")
+    loads = [row["parameters"]["mass"]
+             for row in then["causes"] if row["cause"] == "payload"]  # fmt: skip
+    return {
+        "mass_change_kg": loads[0]["value"] if loads else None,
+        "interval_kg": [loads[0]["low"], loads[0]["high"]] if loads else None,
+        "causes": [row["cause"] for row in first["causes"]],
+        "heavy": [row["cause"] for row in then["causes"]],
+    }
