@@ -1,0 +1,162 @@
+"""Hidden truths: real logs, and a description of the robot with one wrong fact.
+
+A robot is diagnosed on some of its logs until nothing new is named; the simulation
+that this gives is then told one thing wrong (a mass, a gain, shifted stamps, ...), or
+nothing, and diagnosed on other logs. Right is who names that one thing first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+
+from gatjax.cli import main as gatjax
+from gatjax.data.recording import Recording, read_recording, write_recording
+from gatjax.diagnosis.aliases import ALIASES, ONE_JOINT
+from gatjax.diagnosis.start import Start, read_start
+from gatjax.runs import read_json
+from gatjax.sim.world import write_world
+
+Rows = tuple[dict[str, Any], ...]
+Log = Callable[[Recording], Recording]
+
+
+class Lie(NamedTuple):
+    """A wrong fact, and the cause that is there because of it."""
+
+    cause: str
+    joint: str
+    spec: Callable[[Any], None] = lambda spec: None  # changes the model
+    log: Log = lambda log: log
+    rows: Callable[[Rows], Rows] = lambda rows: rows  # changes what is known besides
+
+
+class Robot(NamedTuple):
+    """Logs that a lie is tried on, and the world that others of it gave."""
+
+    name: str
+    world: Path  # folder of the diagnosis
+    logs: tuple[Path, ...]
+    period: float  # s
+    tolerances: Path | None = None
+
+
+def shifted(joint: str, seconds: float) -> Log:
+    """Commands that a log has earlier than they were sent."""
+
+    def change(log: Recording) -> Recording:
+        name = f"command.{joint}"
+        sent = np.array(log.columns[name])
+        for run in np.unique(log.trajectory):
+            rows = log.trajectory == run
+            time = log.time[rows]
+            held = np.searchsorted(time, time + seconds + 1e-6, side="right") - 1
+            sent[rows] = sent[rows][np.minimum(held, rows.sum() - 1)]
+        return log._replace(columns=log.columns | {name: sent})
+
+    return change
+
+
+def read_as(joint: str, scale: float, offset: float) -> Log:
+    """Positions as an encoder with a wrong scale and zero has them."""
+
+    def change(log: Recording) -> Recording:
+        name = f"position.{joint}"
+        seen = scale * log.columns[name] + offset
+        return log._replace(columns=log.columns | {name: seen})
+
+    return change
+
+
+def more(cause: str, joint: str, **values: float) -> Callable[[Rows], Rows]:
+    """A correction of the model the wrong way."""
+    row = {"cause": cause, "where": [joint], "values": values, "role": "calibration"}
+    return lambda rows: (*rows, row)
+
+
+def without(cause: str) -> Callable[[Rows], Rows]:
+    """What is known, but for one cause."""
+
+    def change(rows: Rows) -> Rows:
+        return tuple(
+            row for row in rows
+            if row["cause"] != cause or row.get("role") == "calibration"
+        )  # fmt: skip
+
+    return change
+
+
+def lighter(body: str, kg: float) -> Callable[[Any], None]:
+    """A link that is heavier than its model by `kg`."""
+
+    def change(spec: Any) -> None:
+        spec.body(body).mass -= kg
+
+    return change
+
+
+def nearer(body: str, share: float) -> Callable[[Any], None]:
+    """A link whose centre of mass is farther out than its model says."""
+
+    def change(spec: Any) -> None:
+        spec.body(body).ipos = np.asarray(spec.body(body).ipos) * (1.0 - share)
+
+    return change
+
+
+def tilted(pitch: float) -> Callable[[Any], None]:
+    """A mounting that is turned about y."""
+
+    def change(spec: Any) -> None:
+        spec.option.gravity = 9.81 * np.array([np.sin(pitch), 0.0, -np.cos(pitch)])
+
+    return change
+
+
+def told(lie: Lie | None, robot: Robot, out: Path) -> list[str]:
+    """Write a robot's world and logs with a lie; arguments of `gatjax diagnose`."""
+    out.mkdir(parents=True, exist_ok=True)
+    known, files = read_start(robot.world), []
+    lie = Lie("", "") if lie is None else lie
+    spec = mujoco.MjSpec.from_file(known.source)
+    lie.spec(spec)
+    spec.compile()
+    (out / "model.xml").write_text(spec.to_xml())
+    start = Start(str(out / "model.xml"), lie.rows(known.rows))
+    write_world(out / "start.json", start.world(robot.period), {}, None)
+    for log in robot.logs:
+        files.append(str(out / log.name))
+        write_recording(files[-1], lie.log(read_recording(log)))
+    limits = ["--tolerances", str(robot.tolerances)] if robot.tolerances else []
+    return ["--world", str(out / "start.json"), "--data", *files, *limits]
+
+
+def right(lie: Lie | None, said: dict[str, Any], joints: int) -> bool:
+    """Whether a diagnosis names the lie first, or nothing where there is none."""
+    named = said["causes"] if said["verdict"] in ("named", "ambiguous") else []
+    if lie is None or not named:
+        return lie is None and not named
+    classes = (*ALIASES, ONE_JOINT) if joints == 1 else ALIASES
+    same = next((each for each in classes if lie.cause in each), {lie.cause})
+    first = named[0]
+    return first["cause"] in same and first["where"] in ([lie.joint], ["all"])
+
+
+def tried(name: str, lie: Lie | None, robot: Robot, out: Path) -> dict[str, Any]:
+    """Diagnose one case; what was said of it."""
+    folder = out / name
+    if not (folder / "said/diagnosis.json").is_file():
+        given = told(lie, robot, folder)
+        if code := gatjax(["diagnose", *given, "--out", str(folder / "said")]):
+            return {"case": name, "truth": lie and lie.cause, "right": False,
+                    "verdict": f"failed with {code}", "causes": []}  # fmt: skip
+    said = read_json(folder / "said/diagnosis.json")
+    return {
+        "case": name, "truth": lie and lie.cause, "verdict": said["verdict"],
+        "right": right(lie, said, len(said["joints"])),
+        "causes": [(row["cause"], row["where"]) for row in said["causes"]],
+    }  # fmt: skip
