@@ -160,3 +160,36 @@ def tried(name: str, lie: Lie | None, robot: Robot, out: Path) -> dict[str, Any]
         "right": right(lie, said, len(said["joints"])),
         "causes": [(row["cause"], row["where"]) for row in said["causes"]],
     }  # fmt: skip
+
+
+def of_pendulum(joint: str, size: float) -> dict[str, Lie]:
+    """Lies about one joint with a pendulum; `size` scales those of its drive."""
+    lies = {
+        f"offset {rad:+.2f}": Lie("encoder_offset", joint, log=read_as(joint, 1.0, rad))
+        for rad in (0.1, -0.15)
+    }
+    lies |= {
+        f"scale {scale}": Lie("encoder_scale", joint, log=read_as(joint, scale, 0.0))
+        for scale in (1.1, 0.88)
+    }
+    lies |= {
+        f"delay {late}": Lie("command_delay", joint, log=shifted(joint, late))
+        for late in (0.03, 0.06)
+    }
+    lies |= {
+        f"gain {told}": Lie(
+            "gain_error", joint, rows=more("gain_error", joint, scale=told)
+        )
+        for told in (0.7, 1.4)
+    }
+    lies |= {
+        f"lighter {kg}": Lie("payload", joint, spec=lighter("pendulum", kg))
+        for kg in (0.12, 0.2)
+    }
+    lies["nearer"] = Lie("com_shift", joint, spec=nearer("pendulum", 0.25))
+    lies["tilted"] = Lie("gravity_tilt", joint, spec=tilted(0.2))
+    lies["less friction"] = Lie(
+        "coulomb_friction", joint,
+        rows=more("coulomb_friction", joint, torque=-size),
+    )  # fmt: skip
+    return lies
