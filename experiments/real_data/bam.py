@@ -13,20 +13,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rounds import repeated
 
-from gatjax.cli import main as gatjax
 from gatjax.data.readers.assemble import joined
 from gatjax.data.recording import Recording, read_recording, write_recording
 from gatjax.data.trajectories import to_arrays
 from gatjax.diagnosis.measure import stretched
-from gatjax.runs import read_json, write_json
+from gatjax.runs import write_json
 from gatjax.sim.replay import replay_many
 from gatjax.sim.world import World, read_world, stacked, stiffened
 
 HERE = Path(__file__).parent
 MODEL = HERE / "models/xl330.xml"
 PERIOD = 0.005  # s, to which BAM resamples its logs
-ROUNDS = 4  # of diagnosis, at most
 HELD_OUT: dict[str, Callable[[str], bool]] = {
     "kp200": lambda name: "kp200" in name,
     "drop": lambda name: "lift_and_drop" in name,
@@ -81,15 +80,7 @@ def diagnosed(split: str, out: Path) -> dict[str, Any]:
     write_recording(out / "fit.parquet", joined(sets["fit"], "fit"))
     write_json(out / "tolerances.json", TOLERANCES)
     given = ["--data", f"{out}/fit.parquet", "--tolerances", f"{out}/tolerances.json"]
-    start, rounds = ["--model", str(MODEL)], []
-    for number in range(ROUNDS):
-        folder = out / f"round_{number}"
-        if not (folder / "diagnosis.json").is_file():
-            _done(gatjax(["diagnose", *start, *given, "--out", str(folder)]))
-        rounds.append(folder)
-        if not read_json(folder / "diagnosis.json")["causes"]:
-            break
-        start = ["--world", str(folder / "world.json")]
+    rounds = repeated(["--model", str(MODEL)], given, out)
     world, _ = read_world(rounds[-1])
     told = {name: errors(world, some) for name, some in sets.items()}
     return {
@@ -100,8 +91,3 @@ def diagnosed(split: str, out: Path) -> dict[str, Any]:
         "causes": [row for row in world.causes if row.get("role") != "calibration"],
         "rounds": len(rounds),
     }  # fmt: skip
-
-
-def _done(code: int) -> None:
-    if code != 0:
-        raise SystemExit(code)

@@ -7,20 +7,24 @@ nothing, and diagnosed on other logs. Right is who names that one thing first.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import bam
+import dfki
 import mujoco
 import numpy as np
+from rounds import repeated
 
 from gatjax.cli import main as gatjax
 from gatjax.data.recording import Recording, read_recording, write_recording
 from gatjax.diagnosis.aliases import ALIASES, ONE_JOINT
 from gatjax.diagnosis.start import Start, read_start
-from gatjax.runs import read_json
+from gatjax.runs import read_json, write_json
 from gatjax.sim.world import write_world
 
+HERE = Path(__file__).parent
 Rows = tuple[dict[str, Any], ...]
 Log = Callable[[Recording], Recording]
 
@@ -193,3 +197,55 @@ def of_pendulum(joint: str, size: float) -> dict[str, Lie]:
         rows=more("coulomb_friction", joint, torque=-size),
     )  # fmt: skip
     return lies
+
+
+def halves(out: Path) -> Iterator[tuple[str, list[str], list[str], tuple[Path, ...]]]:
+    """Every robot's name, its model, what it is diagnosed on first, and the rest."""
+    source = out / "bam"
+    source.mkdir(parents=True, exist_ok=True)
+    logs = sorted((HERE / "data/bam").glob("*.parquet"))
+    for log in logs:
+        write_recording(source / log.name, bam.even(read_recording(log)))
+    names = [log.name for log in logs]
+    for words in (("kp100", "kp400"), ("sin_sin", "up_and_down")):
+        parts = [[source / n for n in names if any(w in n for w in words) == this]
+                 for this in (True, False)]  # fmt: skip
+        for first, then in (parts, parts[::-1]):
+            title = "bam_" + ("other_" if first is parts[1] else "") + words[0]
+            yield title, ["--model", str(bam.MODEL)], [*map(str, first)], tuple(then)
+    (out / "dfki").mkdir(exist_ok=True)
+    swings = dfki.swung(dfki.LIGHT, out / "dfki")
+    for first, then in (swings, swings[::-1]):
+        model = ["--model", str(dfki.MODEL)]
+        yield f"dfki_{Path(first).stem}", model, [first], (Path(then),)
+
+
+def compared(out: Path) -> dict[str, Any]:
+    """Cases of all robots: how often the lie is named, and nothing where there is none."""
+    limits = out / "tolerances.json"
+    out.mkdir(parents=True, exist_ok=True)
+    write_json(limits, {"schema": bam.TOLERANCES["schema"],
+                        "angle": bam.TOLERANCES["angle"]})  # fmt: skip
+    rows = []
+    for name, model, first, then in halves(out):
+        servo = name.startswith("bam")
+        given = ["--data", *first]
+        if servo:
+            wide = out / "wide.json"
+            write_json(wide, bam.TOLERANCES)
+            given += ["--tolerances", str(wide)]
+        world = repeated(model, given, out / name / "known")[-1]
+        period = bam.PERIOD if servo else 0.005
+        robot = Robot(name, world, then, period, limits if servo else None)
+        lies = of_pendulum("servo" if servo else "motor", 0.03 if servo else 0.15)
+        for title, lie in ({"unaltered": None} | lies).items():
+            rows.append(tried(title, lie, robot, out / name))
+            write_json(out / "cases.json", rows)
+    lied = [row for row in rows if row["truth"]]
+    true = [row for row in rows if not row["truth"]]
+    return {
+        "cases": len(rows),
+        "cause_right": sum(row["right"] for row in lied) / len(lied),
+        "nothing_new": sum(row["right"] for row in true) / len(true),
+        "rows": rows,
+    }
