@@ -221,7 +221,7 @@ def halves(out: Path) -> Iterator[tuple[str, list[str], list[str], tuple[Path, .
 
 
 def compared(out: Path) -> dict[str, Any]:
-    """Cases of all robots: how often the lie is named, and nothing where there is none."""
+    """How often a lie is named, and nothing where there is none; all robots."""
     limits = out / "tolerances.json"
     out.mkdir(parents=True, exist_ok=True)
     write_json(limits, {"schema": bam.TOLERANCES["schema"],
