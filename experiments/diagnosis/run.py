@@ -88,7 +88,8 @@ def keep(out: Path, seed: int, commit: str) -> None:
     """Write the marks of all cases up to the first one that is not solved."""
     marks = []
     for kind in KINDS:
-        cases = read_cases(out / kind / "set") if (out / kind / "set").exists() else []
+        made = (out / kind / "set/answers.json").is_file()
+        cases = read_cases(out / kind / "set") if made else []
         for case in cases:
             wall = out / kind / "diagnoses" / case.name / WALL
             if not wall.is_file() or read_json(wall)["code"] in STOPPED:
