@@ -6,6 +6,15 @@ from dataclasses import dataclass, field
 
 import tyro
 
+ROBOT_LOG, SIMULATOR_LOG, EVALUATION, CONFIRMATION, EXPLANATION = 1, 2, 3, 4, 5
+"""Purposes of walks and motions: each draws from random streams of its own."""
+
+
+def seeds(purpose: int, seed: int, count: int) -> range:
+    """Seeds of `count` walks or motions; no two purposes and no two runs share one."""
+    first = purpose * 10**9 + seed * 10**5
+    return range(first, first + count)
+
 
 @dataclass(frozen=True, kw_only=True)
 class SearchSettings:

@@ -64,7 +64,18 @@ def test_good_logs_are_taken(given, tmp_path):
     words = ["--model", robot, "--data", fit, "--held-out", held, "--out", "x"]
     _, logs = read_given(parse(["diagnose", *words]))
     assert [r.name for r in logs.fit + logs.held] == [fit, held]
-    assert {row["file"] for row in logs.checks} <= {fit, held}
+    assert {row["file"] for row in logs.checks} == {fit, held}
+
+
+def test_a_joint_that_was_not_logged_is_told(given, tmp_path, capsys):
+    _, fit, _ = given
+    hand = '<body><joint name="wrist"/><geom size=".01"/></body></body></worldbody>'
+    second = '<position name="w" joint="wrist" kp="10" kv=".2"/></actuator>'
+    robot = tmp_path / "two.xml"
+    text = ARM.format(servo=SERVO, free="").replace("</actuator>", second)
+    robot.write_text(text.replace("</body></worldbody>", hand))
+    error = refused(capsys, "--model", str(robot), "--data", fit, "--out", "x")
+    assert "no command and position of wrist" in error and "log it" in error
 
 
 def test_commands_that_the_model_clips_are_told(given, tmp_path):

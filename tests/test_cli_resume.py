@@ -17,9 +17,8 @@ from gatjax.cli.resume import resumed, world_digest
 from gatjax.data.recording import Recording, write_recording
 from gatjax.grounding.envelope import Envelope
 from gatjax.grounding.learn import Grounding, write_grounding
-from gatjax.loop.setting import EVALUATION, ROBOT_LOG, seeds
 from gatjax.records import JOINTS
-from gatjax.settings import DEMO
+from gatjax.settings import DEMO, EVALUATION, ROBOT_LOG, seeds
 from gatjax.sim.world import add_cause, nominal, write_world
 from gatjax.walk.parameters import THETA0
 

@@ -139,6 +139,19 @@ def test_a_late_command_is_a_delay_of_the_c_engine(tmp_path: Path) -> None:
     assert lacking(world) == ["dead_band at turn: half_width 0.01"]
 
 
+def test_a_delay_below_half_a_physics_step_is_not_in_the_model(tmp_path: Path) -> None:
+    """The file's step is 2 ms; two short delays of one joint count together."""
+    world = add_cause(arm(tmp_path), "command_delay", ["lift"], 0.0008, "calibration")
+    assert written(tmp_path, world).actuator_delay.max() == 0.0
+    assert lacking(world) == ["command_delay at lift: delay 0.0008"]
+    assert "has" not in (tmp_path / "found" / "extended.xml").read_text()
+    more = add_cause(world, "command_delay", ["all"], 0.0006)
+    write_model(tmp_path / "more.xml", more)
+    late = robot_model.load(tmp_path / "more.xml").actuator_delay
+    np.testing.assert_allclose(late, [0.0014, 0.0, 0.0])
+    assert lacking(more) == []
+
+
 CORRECTED = {
     "armature": 0.002, "command_delay": 0.004, "coulomb_friction": 0.03,
     "damping_error": 0.8, "encoder_offset": 0.02, "gain_error": 1.1,

@@ -27,7 +27,7 @@ from gatjax.diagnosis.case import Case, Held
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.drawn import drawn_errors
 from gatjax.diagnosis.extend import world_values
-from gatjax.diagnosis.hypotheses import COUNT, tolerated
+from gatjax.diagnosis.hypotheses import COUNT, combined, tolerated
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.start import Start
 from gatjax.diagnosis.tolerances import USUAL
@@ -118,9 +118,17 @@ def simulated(judge, hypothesis=None, own=()):
     return ready.simulate([drive], geared)[0, ready.valid[0], 0]
 
 
+def fitted(hypothesis, own):
+    """A fit with nominal tolerances, as far as a translation needs it."""
+    x = np.append(np.zeros(COUNT), own)
+    slopes, square = np.zeros((0, len(x))), np.eye(len(x))
+    return fits.Fit(hypothesis, x, 0.0, np.zeros(0), slopes, square, 1.0, True)
+
+
 def translated(judge, hypothesis, own):
-    """The hypothesis as values of the World's cause."""
-    claim = Claim(hypothesis, np.array(own), (0,), {}, 0.0)
+    """The newest cause of a hypothesis as values of the World's."""
+    newest = np.array(own)[-len(hypothesis.newest.low) :]
+    claim = Claim(hypothesis.newest, newest, (0,), {0: fitted(hypothesis, own)}, 0.0)
     values = world_values(judge, claim)
     if hypothesis.cause == "joint_elasticity":
         values |= {"damping_ratio": plant.DAMPING_RATIO}
@@ -171,6 +179,22 @@ def test_a_cause_moves_the_joint_the_same(name, world, plain):
     for seen in (known, told):
         left = min(rms(seen - theirs), rms((seen - ours) - (theirs - angle)))
         assert left < MORE.get(name, SHARE) * effect, left / effect
+
+
+def test_a_weak_motor_that_warms_derates_as_it_was_fitted(world, plain):
+    """Warmth is relative to the torque limit that the motor has, not to the nominal."""
+    weak, warm = NAMES["torque_limit"], NAMES["thermal_derating"]
+    both, limit = combined(weak, warm), (np.log(0.3),)
+    own = (*limit, *OWN["thermal_derating"])
+    with jax.numpy_rank_promotion("allow"):
+        values = translated(plain[1], weak, limit)
+        weaker = add_cause(world, "torque_limit", ["servo"], values)
+        values = translated(plain[1], both, own)
+        theirs = logged(add_cause(weaker, "thermal_derating", ["servo"], values))
+        told = simulated(judged(world, theirs), both, own)
+    effect = rms(theirs - logged(weaker))
+    assert effect > 0.02
+    assert rms(told - theirs) < SHARE * effect
 
 
 def test_a_gap_predicts_another_motion_of_a_joint_that_is_drawn_to_it(world, plain):

@@ -174,11 +174,13 @@ def described(verdict, columns, names):
         "unexplained": {
             "significant": verdict == "unknown",
             "share": 0.91 if verdict == "unknown" else 0.03,
+            "where": [names[0]] if verdict == "unknown" else [],
             "depends_on": [
                 {"variable": "time", "share": 0.62},
                 {"variable": f"position of {names[0]}", "share": 0.08},
             ],
             "term": "0.98 sin(10.7 time) N m" if verdict == "unknown" else None,
+            **({"law": "periodic torque (0.98 N m)"} if verdict == "unknown" else {}),
         },
         "gain": {
             "metric": "position rmse", "unit": "rad", "before": before, "after": after,
@@ -373,6 +375,8 @@ def test_runner_up_is_told_why_it_lost(pages):
     assert "Weighed, not named" in pages["none"]
     assert "leaves too much to be the explanation" in pages["unknown"]
     assert "0.98 sin(10.7 time) N m" in pages["unknown"]
+    assert "It is at servo" in pages["unknown"]
+    assert "periodic torque (0.98 N m)" in pages["unknown"]
 
 
 def test_shares_are_of_what_tolerances_leave(pages):

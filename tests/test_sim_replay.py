@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from gatjax.effects.catalogue import CATALOGUE
-from gatjax.effects.joint import warmth
 from gatjax.robot.model import slots
 from gatjax.sim.backend import prepare
 from gatjax.sim.replay import replay_many
@@ -309,18 +308,6 @@ def test_a_direction_may_be_given_by_size_or_by_components(arm):
         moved = world.values.body["body_ipos"] - arm.model.body_ipos
         np.testing.assert_allclose(moved[1], [0.03, 0.0, 0.04], atol=1e-15)
         np.testing.assert_allclose(moved[2], 0.0)
-
-
-def test_warmth_is_the_heat_at_which_the_fraction_is_lost(arm):
-    """lost_fraction is the share at the end once `heat` is the warmth of the replay."""
-    plain = play(arm, noise=0.0 * NOISE).torque[0]
-    heat = warmth(plain, 0.01, 5.0)
-    lost = {"lost_fraction": 0.01, "cooling": 5.0, "heat": float(heat[0])}
-    world = add_cause(arm, "thermal_derating", ["a"], lost)
-    hot = play(world, noise=0.0 * NOISE)
-    (state,) = (hot.torque[0],)
-    again = warmth(state, 0.01, 5.0)[0]
-    assert again == pytest.approx(heat[0], rel=0.02)
 
 
 # A robot on the floor

@@ -91,8 +91,10 @@ def keep(out: Path, seed: int, commit: str) -> None:
         made = (out / kind / "set/answers.json").is_file()
         cases = read_cases(out / kind / "set") if made else []
         for case in cases:
-            wall = out / kind / "diagnoses" / case.name / WALL
-            if not wall.is_file() or read_json(wall)["code"] in STOPPED:
+            folder = out / kind / "diagnoses" / case.name
+            stopped = not (folder / WALL).is_file()
+            stopped = stopped or read_json(folder / WALL)["code"] in STOPPED
+            if stopped and not (folder / GATJAX.answer).is_file():
                 break
             marks.append(mark(case, answer(GATJAX, case, out / kind / "diagnoses")))
     rows = [

@@ -1,4 +1,4 @@
-"""Mark one answer against the truth of its case, by the rules of the shared README.
+"""Mark one answer against the truth of its case, by the rules of docs/files.md.
 
 A cause counts as named under the verdicts `named` and `ambiguous`; what is listed
 beside `unknown` is kept apart (`beside`) and counts neither for nor against.

@@ -1,4 +1,4 @@
-"""Marks of many cases to rates with intervals: all scores of the shared README."""
+"""Marks of many cases to rates with intervals: all scores of docs/files.md."""
 
 from __future__ import annotations
 

@@ -110,6 +110,8 @@ class Diagnose:
     tolerances: Path | None = None
     """JSON of how far the model's numbers may be off, where that is not as usual."""
     seed: int = 0
+    """Of all that is drawn: robots within the tolerances, intervals, the motion of the
+    next experiment."""
 
 
 @dataclass(frozen=True, kw_only=True)

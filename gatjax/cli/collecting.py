@@ -13,8 +13,8 @@ from gatjax.cli.progress import shown
 from gatjax.data.recording import Recording, check_ending, write_recording
 from gatjax.data.trajectories import to_recording
 from gatjax.loop.play import Play, Player, record_motion
-from gatjax.loop.setting import ROBOT_LOG, SIMULATOR_LOG, seeds
 from gatjax.runs import make_folder
+from gatjax.settings import ROBOT_LOG, SIMULATOR_LOG, seeds
 from gatjax.task import RATES, Task, task_at
 
 

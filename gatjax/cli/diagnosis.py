@@ -21,6 +21,7 @@ from gatjax.data.recording import (
     check_recording,
     read_recording,
 )
+from gatjax.data.trajectories import check_logged
 from gatjax.diagnosis.diagnose import Logs, diagnose
 from gatjax.diagnosis.start import Start, read_start
 from gatjax.diagnosis.suitable import (
@@ -103,6 +104,7 @@ def _checked(
         log = read_recording(path, mapping)
         check_commands(model, log)
         check_recording(log, list(ranges))
+        check_logged(log, robot_model.joint_names(model))
         stated = log.metadata.get("base", base)
         if stated != base:
             raise ValueError(

@@ -20,13 +20,12 @@ from gatjax.cli.progress import shown
 from gatjax.cli.resume import open_search, resumed
 from gatjax.data.mapping import read_map
 from gatjax.data.recording import read_recording
-from gatjax.loop.setting import EVALUATION, seeds
 from gatjax.report import build_report
 from gatjax.report.page import build_walk_page
 from gatjax.robot.model import check_walker
 from gatjax.runs import Progress
 from gatjax.search import checked
-from gatjax.settings import LoopSettings, SearchSettings
+from gatjax.settings import EVALUATION, LoopSettings, SearchSettings, seeds
 from gatjax.sim.backend import use_compile_cache
 from gatjax.sim.poses import states, write_walk
 from gatjax.sim.world import World, nominal, read_world

@@ -76,11 +76,11 @@ def to_recording(
     )
 
 
-def to_arrays(recording: Recording, joints: Sequence[str]) -> list[JointRun]:
-    """Cuts a recording into its trajectories, ids ascending, J as in `joints`.
+def check_logged(recording: Recording, joints: Sequence[str]) -> None:
+    """Refuse a recording that lacks a command or position of one of the joints.
 
     Raises:
-        ValueError: the recording lacks a command or position of one of the joints.
+        ValueError: one line with the joints and what to do.
     """
     missing = [
         joint
@@ -93,6 +93,15 @@ def to_arrays(recording: Recording, joints: Sequence[str]) -> list[JointRun]:
             f"joint of the model needs both: log it, or remove its actuator from the "
             f"model"
         )
+
+
+def to_arrays(recording: Recording, joints: Sequence[str]) -> list[JointRun]:
+    """Cuts a recording into its trajectories, ids ascending, J as in `joints`.
+
+    Raises:
+        ValueError: the recording lacks a command or position of one of the joints.
+    """
+    check_logged(recording, joints)
     command = np.stack([recording.columns[f"command.{j}"] for j in joints], axis=-1)
     angle = np.stack([recording.columns[f"position.{j}"] for j in joints], axis=-1)
     full, stiff = np.ones(len(recording.time)), None

@@ -137,10 +137,10 @@ class Case:
 
     def moved_by(self, joint: int) -> list[int]:
         """Joints whose bodies a joint moves, itself first."""
-        parents = self.model.body_parentid
-        found = []
+        parents, dofs = self.model.body_parentid, self.tree.moves[:, joint] != 0.0
+        turned, found = set(self.model.dof_bodyid[dofs]), []
         for other, body in enumerate(self.tree.body):
-            while body and body != self.tree.body[joint]:
+            while body and body not in turned:
                 body = parents[body]
             if body:
                 found.append(other)
@@ -150,24 +150,24 @@ class Case:
         """Joints that move the body of a joint."""
         return [k for k in range(len(self.joints)) if body in self.moved_by(k)]
 
-    def carrying(self, joint: int, other: int) -> Joint:
-        """A joint whose body terms belong to the body of another joint."""
-        if joint == other:
-            return self.joints[joint]
+    def carrying(self, joint: Joint, other: int) -> Joint:
+        """A joint of this case whose body terms belong to the body of another joint."""
+        if joint.index == other:
+            return joint
         time = motions.grid_time(self.runs, STEP)
         few = self.motions[0].time[:: weights.COARSE]
-        grid = self.joints[joint].grid
+        grid = joint.grid
         first, last = weights.TERMS, weights.TERMS + len(weights.BODY_TERMS)
         parts = []
         for kind, terms in enumerate((grid.rest_terms, grid.inertia_terms)):
             columns = [
-                motions.spread(time, few, load.bodies[kind, :, joint, other])
+                motions.spread(time, few, load.bodies[kind, :, joint.index, other])
                 for load in self.loads
             ]
             series = jnp.asarray(np.stack(columns, 1), jnp.float32)
             parts.append(terms.at[..., first:last].set(series))
         changed = grid._replace(rest_terms=parts[0], inertia_terms=parts[1])
-        return self.joints[joint]._replace(grid=changed, link=self.joints[other].link)
+        return joint._replace(grid=changed, link=self.joints[other].link)
 
 
 def prepare(

@@ -218,7 +218,8 @@ def _told(
     if not data.floating:
         said["signals"] = signals(made, data.files.fit, data.logs, data.joints)
     out.mkdir(parents=True, exist_ok=True)
-    (out / "diagnosis.json").unlink(missing_ok=True)
+    for name in ("report.html", "diagnosis.json"):
+        (out / name).unlink(missing_ok=True)
     fallback.withdraw(out)
     lacks, learned = bool(verdict.unexplained) and not data.floating, None
     angles = robot_model.servoed(data.model)

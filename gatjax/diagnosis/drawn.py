@@ -50,7 +50,9 @@ def drawn_errors(
     found = {}
     for k in wanted:
         bodies = [c.body for c in judge.accepted if k in c.fits and c.body is not None]
-        after = other.carrying(k, bodies[-1]) if bodies else other.joints[k]
+        after = other.joints[k]
+        for body in bodies:  # one at most
+            after = other.carrying(after, body)
         healthy, known = case.healthy[k], judge.known[k]
         found[k] = errors(k, other.joints[k], healthy), errors(k, after, known)
     return found

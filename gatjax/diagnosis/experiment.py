@@ -14,6 +14,7 @@ from gatjax.diagnosis.measure import fallen
 from gatjax.diagnosis.start import Start
 from gatjax.diagnosis.verdict import Verdict
 from gatjax.motions import MENU
+from gatjax.settings import SIMULATOR_LOG, seeds
 from gatjax.sim import world as worlds
 from gatjax.sim.limbs import floats, limbs_of, put_down
 from gatjax.sim.replay import replay_many
@@ -79,8 +80,9 @@ def propose(
     moving[sorted({k for claim in claims for k in claim.where})] = True
     moving |= any(claim.stance is not None for claim in claims)
     lasts = {name: min(SECONDS, motion.seconds) for name, motion in MENU.items()}
+    (drawn,) = seeds(SIMULATOR_LOG, seed, 1)  # as `gatjax collect --seed` draws
     targets = {
-        name: MENU[name].build(limbs, moving, 1.0 / period, seed, seconds=seconds)
+        name: MENU[name].build(limbs, moving, 1.0 / period, drawn, seconds=seconds)
         for name, seconds in lasts.items()
     }
     apart = _separations(named, list(targets.values()), verdict)
@@ -92,7 +94,8 @@ def propose(
         *("gatjax", "collect", "--motion", chosen, "--seconds", f"{lasts[chosen]:g}"),
         *(() if moving.all() else ("--joints", ",".join(joints))),
         *("--robot", "simulator", "--world", str(world), "--trajectories", "1"),
-        *("--rate-hz", f"{1.0 / period:.6g}", "--out", f"{chosen}.parquet"),
+        *("--seed", str(seed), "--rate-hz", f"{1.0 / period:.6g}"),
+        *("--out", f"{chosen}.parquet"),
     ]
     return {
         "motion": chosen,

@@ -29,7 +29,7 @@ def parameters(judge: Judge, claim: Claim) -> dict[str, float]:
     """A claim's parameters under the catalogue's names, SI; the scored one first."""
     if claim.stance is not None:
         return claim.stance.values
-    case, index = judge.case, claim.where[0]
+    case = judge.case
     if claim.lost:
         pairs = [
             (mask, command)
@@ -37,9 +37,22 @@ def parameters(judge: Judge, claim: Claim) -> dict[str, float]:
             for mask, command in zip(masks, case.commands(k), strict=True)
         ]
         return drops.statistics(*zip(*pairs, strict=True))
-    joint = judge.joints[index]
-    values = claim.hypothesis.values(joint, claim.own)
+    values = claim.hypothesis.values(_driven(judge, claim), claim.own)
     return {name: float(value) for name, value in values.items()}
+
+
+def _driven(judge: Judge, claim: Claim) -> Joint:
+    """The first joint of a claim, its drive as fitted where a size depends on it.
+
+    How warm a motor gets depends on its torques and on the limit that they are a share
+    of; whatever else is known of the joint decides both.
+    """
+    joint = judge.joints[claim.where[0]]
+    if claim.hypothesis.cause != "thermal_derating":
+        return joint
+    fit = claim.fits[joint.index]
+    drive = numbers(joint, fit.hypothesis, fit.x)
+    return joint._replace(nominal=joint.nominal | drive)
 
 
 def world_values(judge: Judge, claim: Claim) -> dict[str, float]:
@@ -47,13 +60,14 @@ def world_values(judge: Judge, claim: Claim) -> dict[str, float]:
     values = parameters(judge, claim)
     if claim.stance is not None:
         return values
-    cause, nominal = claim.hypothesis.cause, judge.joints[claim.where[0]].nominal
+    cause = claim.hypothesis.cause
     if cause == "speed_limit":
         on_motor = "no_torque_speed" in values
         limit = values.get("no_torque_speed", values["limit"])
         return {"limit": limit, "on_motor": float(on_motor)}
     if cause == "thermal_derating":
-        heat = values["lost_fraction"] * nominal["limit"] ** 2 / np.exp(claim.own[0])
+        limit = _driven(judge, claim).nominal["limit"]
+        heat = values["lost_fraction"] * limit**2 / np.exp(claim.own[0])
         return values | {"heat": float(max(heat, 1e-12))}
     if cause == "supply_sag":
         return values | {"total": judge.case.supply}

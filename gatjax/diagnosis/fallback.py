@@ -51,7 +51,7 @@ def learn(world: World, logs: list[JointRun], seed: int) -> Grounding:
     )  # fmt: skip
     tried = [with_alpha(found, alpha) for alpha in ALPHAS]
     errors = _late_errors([grounded(world, each) for each in tried], logs)
-    return tried[int(np.argmin(errors))]
+    return tried[int(np.argmin(np.where(np.isfinite(errors), errors, np.inf)))]
 
 
 def _simulated(world: World, logs: list[JointRun], seed: int) -> list[JointRun]:

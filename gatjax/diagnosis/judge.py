@@ -81,7 +81,7 @@ class Judge(Known):
         """A joint of the case as a claim sees it, drawn no more than it has to be."""
         joint = self.case.joints[index]
         if claim.body is not None:
-            joint = self.case.carrying(index, claim.body)
+            joint = self.case.carrying(joint, claim.body)
         return joint.drawn(0.0)
 
     def claims(self) -> list[Claim]:
@@ -129,6 +129,8 @@ class Judge(Known):
         """Fits of the causes that explain a joint best, beside what is known."""
         joint = self.joints[index]
         bank = of_drive(joint, CAUSES + OTHERS)
+        if self.lent(index) not in (None, index):
+            bank = tuple(h for h in bank if h.cause not in BODY)
         return search.explain(joint, self.known[index], bank)
 
     def _single(self) -> list[Claim]:
@@ -245,16 +247,17 @@ class Judge(Known):
             if c.hypothesis.cause in BODY
             and c.gain > max(WORTH, RIVAL * best[c.where[0]])
         }  # fmt: skip
-        bodies = {b for index in hot for b in self.case.moved_by(index)}
+        moved = {b for index in hot for b in self.case.moved_by(index)}
+        bodies = filter(self.spare, sorted(moved))
         hypotheses = [h for h in CAUSES if h.cause in BODY]
-        tried = [self._borne(body, hypotheses) for body in sorted(bodies)]
+        tried = [self._borne(body, hypotheses) for body in bodies]
         tried.sort(key=lambda row: -row[0])
         return [claim for _, make in tried[:BODIES] for claim in make()]
 
     def _borne(self, body: int, hypotheses: list[Hypothesis]) -> tuple:
         """How well a changed body is borne out, and how to make its claims."""
         bearers = self.case.bearers(body)
-        joints = {k: self.case.carrying(k, body) for k in bearers}
+        joints = {k: self.case.carrying(self.joints[k], body) for k in bearers}
         free = dict(
             zip(
                 bearers,

@@ -42,7 +42,7 @@ def astray(joint: Joint, fit: Fit) -> float:
 def changed(case: Case, claim: Claim, index: int, joint: Joint) -> Joint:
     """A joint of a case with the body and the commands that a claim changes."""
     if claim.body is not None:
-        joint = case.carrying(index, claim.body)
+        joint = case.carrying(joint, claim.body)
     if claim.lost and index in claim.lost:
         commands = case.commands(index)
         joint = drops.with_commands(joint, commands, claim.lost[index])
@@ -250,9 +250,20 @@ class Known:
             return claim
         (body,) = claim.where
         bearers = self.case.bearers(body)
-        if len(bearers) == 1:
+        if len(bearers) == 1 or not self.spare(body):
             return claim
         return claim._replace(body=body, fits=dict.fromkeys(bearers, claim.fits[body]))
+
+    def lent(self, index: int) -> int | None:
+        """The joint whose changed body the terms of a joint are of; None: free."""
+        for claim in self.accepted:
+            if claim.hypothesis.cause in BODY and index in claim.fits:
+                return index if claim.body is None else claim.body
+        return None
+
+    def spare(self, body: int) -> bool:
+        """Whether no joint that moves a body has the terms of another changed one."""
+        return all(self.lent(k) in (None, body) for k in self.case.bearers(body))
 
     def evidence(self, without: int | None = None) -> float:
         """Nats of what is known, all joints together but for one that is left out."""

@@ -44,28 +44,52 @@ def write_model(path: Path, world: World) -> None:
         compiler.meshdir = str(file.parent / compiler.meshdir)
         compiler.texturedir = str(file.parent / compiler.texturedir)
     head, _, rest = spec.to_xml().partition("\n")
-    path.write_text(f"{head}\n{_remarks(world)}{rest}", encoding="utf-8")
+    path.write_text(
+        f"{head}\n{_remarks(world, spec.option.timestep)}{rest}", encoding="utf-8"
+    )
 
 
 def lacking(world: World) -> list[str]:
-    """Causes of a world that plain MJCF cannot express, in words."""
-    return [_told(row) for row in world.causes if not _expressible(row)]
+    """Causes of a world that its model file cannot express, in words."""
+    step = robot_model.load(world.source).opt.timestep
+    return [
+        _told(row)
+        for row in world.causes
+        if not (_expressible(world, row, step) or _prompt(row))
+    ]
 
 
-def _expressible(row: dict[str, Any]) -> bool:
-    """Whether plain MJCF has a term for a cause of a world."""
-    parts = CATALOGUE[row["cause"]].parts
-    return row["cause"] == DELAY or all(part.slot == "body" for part in parts)
+def _expressible(world: World, row: dict[str, Any], step: float) -> bool:
+    """Whether plain MJCF with a physics step, s, has a term for a cause of a world."""
+    if row["cause"] != DELAY:
+        return all(part.slot == "body" for part in CATALOGUE[row["cause"]].parts)
+    every = row["where"] == ["all"]
+    names = robot_model.joint_names(world.model) if every else row["where"]
+    return any(_late(world, name) > 0.5 * step for name in names)
+
+
+def _late(world: World, joint: str) -> float:
+    """How late the commands of a joint are in a world, s."""
+    late = (
+        row["values"]["delay"]
+        for row in world.causes
+        if row["cause"] == DELAY and {joint, "all"} & set(row["where"])
+    )
+    return sum(late, 0.0)
 
 
 def _prompt(row: dict[str, Any]) -> bool:
-    """Whether a row is a delay that no physics step can tell."""
+    """Whether a row is a delay that nobody would miss."""
     return row["cause"] == DELAY and row["values"]["delay"] < PROMPT
 
 
-def _remarks(world: World) -> str:
-    """What the file says of itself, as comments."""
-    there = [row for row in world.causes if _expressible(row) and not _prompt(row)]
+def _remarks(world: World, step: float) -> str:
+    """What the file, with a physics step in s, says of itself, as comments."""
+    there = [
+        row
+        for row in world.causes
+        if _expressible(world, row, step) and not _prompt(row)
+    ]
     lines = ["made by gatjax diagnose; the whole simulation is in world.json"]
     lines += [f"has {row.get('role', 'cause')} {_told(row)}" for row in there]
     lines += [f"lacks {text}" for text in lacking(world)]
@@ -81,11 +105,7 @@ def _write_delays(spec: mujoco.MjSpec, world: World) -> None:
     """Write how late commands are; MuJoCo C has no delay below a step."""
     step = spec.option.timestep
     for servo in spec.actuators:
-        delay = sum(
-            row["values"]["delay"]
-            for row in world.causes
-            if row["cause"] == DELAY and {servo.target, "all"} & set(row["where"])
-        )
+        delay = _late(world, servo.target)
         if delay > 0.5 * step:
             servo.delay, servo.nsample = delay, int(np.ceil(delay / step)) + 1
 

@@ -183,6 +183,8 @@ def calibration_rows(verdict: Verdict) -> list[dict[str, Any]]:
         drive = numbers(joint, None, fit.x[:COUNT])
         gain = "N*m/rad" if joint.servoed else "N*m per command"
         for name, unit in {"kp": gain, **NUMBERS}.items():
+            if name == "limit" and not joint.limited:
+                continue  # the model gives none
             share = getattr(joint.allowed, name)
             rows.append(
                 {"parameter": name, "where": joint.name, "unit": unit,

@@ -155,7 +155,8 @@ def check_replay(
     names = [r.name for r in recordings for _ in np.unique(r.trajectory)]
     for name, run, angle in zip(names, runs, predicted, strict=True):
         lost = np.asarray(~np.all(np.abs(angle) < (LOST if servos else np.inf), axis=1))
-        still = np.all(angle == angle[-1], axis=1)  # physics that gave up repeat a row
+        same = (angle == angle[-1]) | ~np.isfinite(angle)
+        still = np.all(same, axis=1)  # physics that gave up repeat a row
         begin = len(still) - int(np.argmin(still[::-1])) if not still.all() else 0
         if servos and np.ptp(run.command[begin:], axis=0).max(initial=0.0) > MOVING:
             lost[begin:] = True

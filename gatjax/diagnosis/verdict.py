@@ -260,7 +260,7 @@ def _weighed(judge: Judge, best: Claim, claims: list[Claim]) -> Cause:
     weights = np.exp(TEMPER * (gains - gains.max()))
     same = np.array([True, *(_same(c, best, mine) for c in rivals)])
     probability = float(
-        weights[same].sum() / (weights.sum() + np.exp(-TEMPER * gains[0]))
+        weights[same].sum() / (weights.sum() + np.exp(-TEMPER * gains.max()))
     )
     shares = weights[1:] / weights.sum()
     near = [c for c in rivals if c.place() == best.place()]

@@ -184,24 +184,6 @@ def thermal(period: float) -> Effect:
     return Effect(init, apply)
 
 
-def warmth(torque: Array, period: float, cooling: Array) -> Array:
-    """Warmth of motors at the end of a recording that began cold, N^2 m^2 s.
-
-    Args:
-        torque: [..., T, J] N m, of the servos.
-        period: time between two rows, s.
-        cooling: time constant in s.
-
-    Returns:
-        [..., J]; as `heat` of thermal_derating, lost_fraction is then the share that
-        is lost at the end of this recording.
-    """
-    xp = namespace_of(torque)
-    age = period * xp.arange(torque.shape[-2])[::-1]
-    left = xp.exp(-age / cooling)[:, None]
-    return period * (torque**2 * left).sum(-2)
-
-
 def supply() -> Effect:
     """All motors sag while many pull; params: max_drop (0 is neutral), total (N m).
 

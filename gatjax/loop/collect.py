@@ -8,16 +8,13 @@ from gatjax.data.recording import Recording, read_recording, write_recording
 from gatjax.data.trajectories import to_recording
 from gatjax.loop.play import Play, Player, record_motion
 from gatjax.loop.setting import (
-    EXPLANATION,
-    ROBOT_LOG,
     ROBOT_UNIT,
-    SIMULATOR_LOG,
     Robot,
     Setting,
-    seeds,
 )
 from gatjax.motions import MENU, chosen
 from gatjax.records import Array
+from gatjax.settings import EXPLANATION, ROBOT_LOG, SIMULATOR_LOG, seeds
 
 
 def collect(setting: Setting, robot: Robot, name: str, theta: Array) -> Recording:

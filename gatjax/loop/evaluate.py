@@ -9,15 +9,9 @@ import numpy as np
 
 from gatjax import runs
 from gatjax.loop.optimise import Candidate, measured
-from gatjax.loop.setting import (
-    CONFIRMATION,
-    CONFIRMATIONS,
-    EVALUATION,
-    ROBOT_UNIT,
-    Setting,
-    seeds,
-)
+from gatjax.loop.setting import CONFIRMATIONS, ROBOT_UNIT, Setting
 from gatjax.records import Array
+from gatjax.settings import CONFIRMATION, EVALUATION, seeds
 from gatjax.sim.poses import write_walk
 
 

@@ -19,8 +19,6 @@ from gatjax.sim.backend import BACKENDS, default_backend
 from gatjax.sim.world import World
 from gatjax.task import Task, task_at
 
-ROBOT_LOG, SIMULATOR_LOG, EVALUATION, CONFIRMATION, EXPLANATION = 1, 2, 3, 4, 5
-"""Purposes of walks: each draws from random streams of its own."""
 CONFIRMATIONS = 10  # walks on the robot that the winner of a method is judged by
 SIMULATOR_UNIT, ROBOT_UNIT = 1.0, 12.0  # relative cost of one run, for the time left
 DIAGNOSIS_UNIT = 3000.0  # of a diagnosis
@@ -67,12 +65,6 @@ class Entry(NamedTuple):
     name: str
     grounder: str  # a name of `gatjax.grounding.learn.METHODS`
     world: World  # before grounding
-
-
-def seeds(purpose: int, seed: int, count: int) -> range:
-    """Seeds of `count` walks; no two purposes and no two runs share one."""
-    first = purpose * 10**9 + seed * 10**5
-    return range(first, first + count)
 
 
 def total_work(settings: LoopSettings) -> float:

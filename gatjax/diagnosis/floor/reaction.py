@@ -73,7 +73,7 @@ class Frame:
             (data.efc_type >= int(mujoco.mjtConstraint.mjCNSTR_CONTACT_FRICTIONLESS))
             & (data.efc_state == int(mujoco.mjtConstraintState.mjCNSTRSTATE_QUADRATIC))
         )
-        across = _dense(model, data)[rows] @ self.moves
+        across = dense(model, data)[rows] @ self.moves
         stiff, damp, share = data.efc_KBIP.reshape(-1, 4)[rows, :3].T
         owner = data.efc_id[rows]
         along = np.stack(
@@ -132,7 +132,7 @@ class Frame:
         return out.reshape(-1, model.nv).T
 
 
-def _dense(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+def dense(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     """Jacobian [rows, nv] of all constraints."""
     if not mujoco.mj_isSparse(model):
         return data.efc_J.reshape(data.nefc, model.nv)

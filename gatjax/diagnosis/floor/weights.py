@@ -16,7 +16,7 @@ import numpy as np
 
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis.floor.played import LIFT, SETTLE, Rows
-from gatjax.diagnosis.floor.reaction import Answer, Frame
+from gatjax.diagnosis.floor.reaction import Answer, Frame, dense
 from gatjax.diagnosis.floor.tolerances import Draw
 from gatjax.diagnosis.joint import STEP, TRANSPORT
 from gatjax.diagnosis.loads import (
@@ -93,7 +93,7 @@ def trace(
             data.ctrl[:] = targets[point * FINE + step]
             before = data.qvel[_dofs(tree)].copy()
             mujoco.mj_step(model, data)
-            given = data.qfrc_actuator + data.qfrc_passive + _bounds(data)
+            given = data.qfrc_actuator + data.qfrc_passive + _bounds(model, data)
             carried[point] += tree.moves.T @ given / FINE
             acceleration[point] += (data.qvel[_dofs(tree)] - before) / (STEP * FINE)
     few = np.arange(0, len(time), COARSE)
@@ -110,18 +110,14 @@ def _dofs(tree: Tree) -> np.ndarray:
     return tree.model.jnt_dofadr[tree.model.actuator_trnid[:, 0]]
 
 
-def _bounds(data: mujoco.MjData) -> np.ndarray:
+def _bounds(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
     """Generalised force [nv] of dry friction and joint limits."""
     kinds = (
         mujoco.mjtConstraint.mjCNSTR_FRICTION_DOF,
         mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT,
     )
     rows = np.isin(data.efc_type, [int(kind) for kind in kinds])
-    out = np.zeros(len(data.qvel))
-    out[:] = (np.where(rows, data.efc_force, 0.0)) @ data.efc_J.reshape(
-        len(data.efc_force), -1
-    )
-    return out
+    return np.where(rows, data.efc_force, 0.0) @ dense(model, data)
 
 
 def bodies(tree: Tree, moments: list[Moment]) -> tuple[np.ndarray, np.ndarray]:

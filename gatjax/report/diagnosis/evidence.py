@@ -107,7 +107,13 @@ def location(diagnosis: Diagnosis) -> str:
         "Beyond tolerances: share of the power left after tolerances that is more than "
         "a right model leaves."
         + (f" {left} quieter joints are left out." if left else "")
-        + (f" Drawn to the measured motion: {escape(drawn)}." if drawn else "")
+        + (
+            f" {escape(drawn)}: drawn to the measured motion in these fits (no servo "
+            f"holds it, or stick and play part two runs for good); open loop, as in "
+            f"the pictures, more is left."
+            if drawn
+            else ""
+        )
     )
     keys = key(
         ("none", "nominal (full: after tolerances)"),
@@ -155,10 +161,14 @@ def _joint_row(joint: Joint) -> list[str]:
 
 
 def worst(diagnosis: Diagnosis, most: int = 2) -> list[str]:
-    """Joints to draw: the named ones, else those with the largest residual."""
+    """Joints to draw: named ones and one that is left, else the largest residuals."""
     known = diagnosis.signals.joints if diagnosis.signals is not None else {}
     named = [joint for cause in diagnosis.causes for joint in cause.where]
     named = [joint for joint in dict.fromkeys(named) if joint in known]
     ranked = sorted(diagnosis.joints, key=excess, reverse=True)
     others = [joint.name for joint in ranked if joint.name in known]
-    return (named or others or list(known))[:most]
+    rest = diagnosis.part("unexplained")
+    left = set(rest.get("where") or []) if rest.get("significant") else set()
+    left = [name for name in others if name in left - set(named)]
+    chosen = [*named[:most], *left[: 1 if named else most]]
+    return chosen or (others or list(known))[:most]

@@ -38,6 +38,11 @@ def unexplained(diagnosis: Diagnosis) -> str:
             f" Beyond the noise, it is {percent(share)} of the power that tolerances "
             f"alone leave."
         )
+    where = ", ".join(map(str, rest.get("where") or []))
+    if where:
+        words += f" It is at {where}, worst joint below."
+    if rest.get("law"):
+        words += f" A law that is no cause of the catalogue suits it: {rest['law']}."
     body = f"<p>{escape(words)}</p>"
     rows = [
         (

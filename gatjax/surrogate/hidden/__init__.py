@@ -3,7 +3,7 @@
 They judge the diagnosis, so nothing here shares physics with `sim`, `effects` or the
 solver: rigid bodies in MuJoCo C or DART with servo, gear and bristle friction written
 out, and a one-joint plant with exact sticking and tooth contact. What the files mean is
-in the shared README of the hidden effects.
+in docs/files.md (Bench of the diagnosis).
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ VISIBLE = 0.8
 MEASURED = ("lost_fraction", "max_drop")  # parameters that a run decides
 SECOND = {"stiction": {"velocity": "rad/s"},
           "torque_ripple": {"cycles": "1/rad", "phase": "rad"}}  # fmt: skip
-"""Further parameters that the README names."""
+"""Further parameters that docs/diagnosis.md names."""
 
 
 def alias_classes(names: Iterable[str] = ROBOTS) -> list[dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""Every cause of the catalogue as a `Cause`; README names, parameters and units."""
+"""Every cause of the catalogue as a `Cause`, named as in docs/diagnosis.md."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The causes of the catalogue: how strong they come and what they change.
 
-The meaning of every name and number is that of the shared README. `ladder` is a
+The meaning of every name and number is that of docs/diagnosis.md. `ladder` is a
 list of values of the scored parameter from hardly visible to strong, `apply`
 makes the specimen.
 """

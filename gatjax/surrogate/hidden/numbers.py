@@ -18,7 +18,7 @@ TOLERANCE = {
     "kp": 0.05, "kv": 0.10, "damping": 0.10, "armature": 0.10, "limit": 0.06,
     "coulomb": 0.30, "mass": 0.025, "inertia": 0.05,
 }  # fmt: skip
-"""Relative standard deviations (shared README: every nominal number is wrong)."""
+"""Relative standard deviations (docs/files.md: every nominal number is wrong)."""
 CENTRE = 0.002  # m, centre of mass, all three axes together
 MOUNTING = np.deg2rad(0.2)
 ZERO = np.deg2rad(0.1)

@@ -1,7 +1,7 @@
 """How visible effects are, and how strong they must be for a visibility.
 
 Visibility: RMS change of a channel by the effect over the RMS scatter of that channel
-from the nominal tolerances and noise (shared README).
+from the nominal tolerances and noise (docs/files.md).
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from gatjax.surrogate.hidden.design import Case
 from gatjax.surrogate.hidden.feet import BODY_COLUMNS
 from gatjax.surrogate.hidden.measure import channels, log_of
 from gatjax.surrogate.hidden.oracle import oracle
-from gatjax.surrogate.hidden.plant import History
+from gatjax.surrogate.hidden.plant import EVERY, History
 from gatjax.surrogate.hidden.robots import Robot
 from gatjax.surrogate.hidden.sight import (
     Sight,
@@ -92,7 +92,6 @@ def conclude(
     ]
     names = [*robot.joints, *BODY_COLUMNS]
     named = [effect.joints for effect in case.effects]
-    lost = histories[0].lost
     return Result(
         values=tuple(values),
         visibility=tuple(float(d.max()) for d in seen),
@@ -103,11 +102,23 @@ def conclude(
         fits=tuple(logs[:-1]),
         held=logs[-1],
         oracle=oracle(case, logs[-1], lanes[fits : fits + 2], histories[fits:][:2]),
-        measured={
-            "lost_fraction": float(lost[-1].max()),
-            "max_drop": float(lost.max()),
-        },
+        measured=_lost(lanes[:fits], histories),
     )
+
+
+def _lost(lanes: Sequence[Lane], histories: Sequence[History]) -> dict[str, float]:
+    """Shares of gain and torque limit lost in the fit motions, each to its own end.
+
+    A history goes on as long as the longest one of its batch.
+    """
+    shares = [
+        history.lost[: 1 + round(lane.seconds / EVERY)]
+        for lane, history in zip(lanes, histories, strict=False)
+    ]
+    return {
+        "lost_fraction": max(float(share[-1].max()) for share in shares),
+        "max_drop": max(float(share.max()) for share in shares),
+    }
 
 
 def run(
