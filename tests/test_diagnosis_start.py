@@ -4,6 +4,7 @@ That known causes move a joint as the World does is in test_diagnosis_world.py.
 """
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from gatjax.diagnosis.diagnose import Logs, diagnose, given
 from gatjax.diagnosis.start import ADDING, Start, _unfit, read_start
 from gatjax.diagnosis.tolerances import USUAL
 from gatjax.effects.catalogue import CATALOGUE
+from gatjax.robot.model import joint_names, load
 from gatjax.sim.replay import replay_many
 from gatjax.sim.world import add_cause, nominal, stacked, write_world
 from gatjax.task import Task
@@ -151,6 +153,16 @@ def test_heat_and_supply_are_shares_of_what_the_joint_has(tmp_path):
     (joint,) = unfitted(base, case.logs).joints
     assert joint.nominal["sag"] == 0.5
     assert 0.01 < float(joint.grid.supply.max()) < 1.0
+
+
+def test_joints_of_one_motor_stay_so_whatever_was_calibrated():
+    source = str(Path(ARM).with_name("quad_hung.xml"))
+    names = joint_names(load(source))
+    row = {"cause": "gain_error", "where": [names[0]], "values": {"scale": 0.95}}
+    start = Start(source, (row | {"role": "calibration"},))
+    motors = [assumed.motor for assumed in start.joints(start.model())]
+    assert motors[0] == motors[3] == motors[6] == motors[9]
+    assert motors[0][0] == load(source).actuator_gainprm[0, 0]
 
 
 def test_only_what_is_wrong_besides_is_named(tmp_path):

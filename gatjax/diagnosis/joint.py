@@ -35,6 +35,7 @@ class Assumed(NamedTuple):
     barred: frozenset[str]  # causes that are not looked for again
     named: frozenset[str]  # causes that act here; calibration is none
     supply: float | None  # N m of all servos at which the supply sags most
+    motor: tuple[float, ...] = ()  # numbers of the drive before anything was known
 
     @property
     def geared(self) -> bool:
@@ -80,11 +81,12 @@ class Joint(NamedTuple):
         return self.nominal["hold"] > 0.0
 
     @property
-    def motor(self) -> dict[str, float]:
-        """Numbers of the drive as the model gives them; a limit that it lacks is 0."""
+    def motor(self) -> tuple[float, ...]:
+        """Numbers of the drive as the model file gives them: one motor, one tuple."""
         names = "kp", "kv", "damping", "friction", "armature"
         limit = self.nominal["limit"] if self.limited else 0.0
-        return {name: self.nominal[name] for name in names} | {"limit": limit}
+        given = (*(self.nominal[name] for name in names), limit)
+        return self.assumed.motor or given
 
     def drawn(self, rate: float) -> Joint:
         """The same, drawn to its measured motion at a rate in 1/s; 0: not at all.

@@ -118,7 +118,13 @@ class Start(NamedTuple):
         """What is assumed of each joint besides this model, which `model` made."""
         names = robot_model.joint_names(model)
         every = float(model.actuator_forcerange[:, 1].sum())
-        return [self._assumed(name, every) for name in names]
+        motors = (
+            _motors(robot_model.load(self.source)) if self.rows else [()] * len(names)
+        )
+        return [
+            self._assumed(name, every)._replace(motor=motor)
+            for name, motor in zip(names, motors, strict=True)
+        ]
 
     def _assumed(self, name: str, every: float) -> Assumed:
         """Of one joint; `every` is the sum of all torque limits, N m."""
@@ -136,6 +142,18 @@ class Start(NamedTuple):
         named = {row["cause"] for row in rows if row.get("role") != "calibration"}
         barred = frozenset(cause for cause, _ in own) - ADDING
         return Assumed(law, barred, frozenset(named), total)
+
+
+def _motors(model: mujoco.MjModel) -> list[tuple[float, ...]]:
+    """Numbers of each drive in a model file; joints of one motor have the same."""
+    held = model.actuator_trnid[:, 0]
+    dof = model.jnt_dofadr[held]
+    rows = np.stack([
+        model.actuator_gainprm[:, 0], model.actuator_biasprm[:, 2],
+        model.actuator_forcerange[:, 1], model.dof_damping[dof],
+        model.dof_frictionloss[dof], model.dof_armature[dof],
+    ], 1)  # fmt: skip
+    return [tuple(row) for row in rows.tolist()]
 
 
 def read_start(path: Path) -> Start:
