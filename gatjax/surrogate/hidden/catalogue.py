@@ -54,6 +54,11 @@ def _limits(robot: Robot, joints: list[int], rng: np.random.Generator) -> tuple:
     return rungs(0.7 * limit, 0.05 * limit), {}
 
 
+def _saturations(robot: Robot, joints: list[int], rng: np.random.Generator) -> tuple:
+    limit = robot.model.actuator_forcerange[joints[0], 1]
+    return rungs(3.0 * limit, 0.08 * limit), {}
+
+
 def _speeds(robot: Robot, joints: list[int], rng: np.random.Generator) -> tuple:
     law = "motor" if rng.uniform() < 0.6 else "target"
     return rungs(12.0, 0.7), {"law": law}
@@ -253,6 +258,9 @@ CATALOGUE: dict[str, Cause] = {
     ),
     "supply_sag": Cause(
         "max_drop", "1", plain(0.003, 0.06), whole("sag"), "all", "many"
+    ),
+    "torque_saturation": Cause(
+        "torque", "N*m", _saturations, extra("saturation", "torque")
     ),
     "clock_drift": Cause("drift", "1", plain(1e-4, 6e-3), whole("drift"), "all"),
     "imu_misalignment": Cause(

@@ -67,10 +67,9 @@ class Servo:
             push[term.at] = np.minimum(np.maximum(push[term.at], low), high)
         self.held = np.where(self.count % self.ticks == 0, push, self.held)
         self.count += 1
-        torque = self.held.copy()
+        now.torque = torque = self.held.copy()
         for term in self.terms["power"]:
             torque[term.at] *= term(now)
-        now.torque = torque
         self._wear(now)
         return torque
 

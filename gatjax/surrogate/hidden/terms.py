@@ -79,6 +79,11 @@ def power_loss(p: dict, state: dict, at: np.ndarray, now: Now) -> np.ndarray:
     return np.where(off, 0.0, 1.0)
 
 
+def saturation(p: dict, state: dict, at: np.ndarray, now: Now) -> np.ndarray:
+    """Iron that saturates: half of the torque is missing where it is `torque`."""
+    return p["torque"] / (p["torque"] + np.abs(now.torque[at]))
+
+
 def stiction(p: dict, state: dict, at: np.ndarray, now: Now) -> np.ndarray:
     """Extra near standstill; Gauss curve after Armstrong-Helouvry 1991."""
     ratio = now.motor_speed[at] / p["velocity"]
@@ -168,6 +173,7 @@ TERMS: dict[str, tuple[str, Law]] = {
     "integral": ("push", integral),
     "motor_line": ("room", motor_line),
     "power_loss": ("power", power_loss),
+    "saturation": ("power", saturation),
     "stiction": ("friction", stiction),
     "load_friction": ("friction", load_friction),
     "one_way": ("friction", one_way),
