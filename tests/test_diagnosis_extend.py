@@ -13,7 +13,8 @@ from gatjax.diagnosis import measure
 from gatjax.diagnosis.bank import CAUSES
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.extend import effects, neutral, parameters, world_values
-from gatjax.diagnosis.hypotheses import Hypothesis
+from gatjax.diagnosis.fit import Fit
+from gatjax.diagnosis.hypotheses import COUNT, Hypothesis
 from gatjax.diagnosis.joint import GRAVITY, Joint, Link
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.mjcf import lacking, write_model
@@ -228,11 +229,11 @@ def test_a_worn_sole_is_written_whatever_its_shape(tmp_path: Path, foot: str) ->
 
 STRONG = {
     "limit": 9e5, "kp": 1e5, "kv": 1e4, "damping": 500.0, "friction": 200.0,
-    "armature": 50.0, "hold": 1.0,
+    "armature": 50.0, "hold": 1.0, "give": 3e-4, "delay": 0.001, "creep": 0.06,
 }  # fmt: skip
 WEAK = {
     "limit": 0.01, "kp": 0.02, "kv": 1e-4, "damping": 1e-4, "friction": 1e-3,
-    "armature": 1e-6, "hold": 1.0,
+    "armature": 1e-6, "hold": 1.0, "give": 3e-4, "delay": 0.001, "creep": 0.06,
 }  # fmt: skip
 
 
@@ -257,6 +258,13 @@ def judged(numbers: dict[str, float]) -> Judge:
     return judge
 
 
+def start_fit(hypothesis: Hypothesis, own: Any) -> Fit:
+    """A fit with nominal tolerances."""
+    x = np.append(np.zeros(COUNT), own)
+    slopes, square = np.zeros((0, len(x))), np.eye(len(x))
+    return Fit(hypothesis, x, 0.0, np.zeros(0), slopes, square, 1.0, True)
+
+
 @pytest.mark.parametrize(
     "judge", [judged(STRONG), judged(WEAK)], ids=["strong", "weak"]
 )
@@ -267,7 +275,8 @@ def test_the_world_takes_all_that_the_search_can_find(
     """As it is, of a finger as of a robot that lifts cars."""
     entry = CATALOGUE[hypothesis.cause]
     for own in (hypothesis.low, *hypothesis.starts, hypothesis.high):
-        claim = Claim(hypothesis, np.array(own), (0,), {}, 0.0)
+        fit = start_fit(hypothesis, own)
+        claim = Claim(hypothesis, np.array(own), (0,), {0: fit}, 0.0)
         values, found = world_values(judge, claim), parameters(judge, claim)
         check_range(hypothesis.cause, entry, complete(hypothesis.cause, entry, values))
         if "no_torque_speed" not in found:

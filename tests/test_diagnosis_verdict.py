@@ -30,7 +30,7 @@ class Told(Judge):
     def __init__(self, evidence, found=(), pulled=()):
         self.told, self.found, self.names = evidence, list(found), []
         self.case = SimpleNamespace(pulled=dict.fromkeys(pulled, 10.0))
-        self.joints = [None]
+        self.joints, self.accepted = [None], []
 
     def accept(self, claim):
         self.names.append(claim.hypothesis.cause)
