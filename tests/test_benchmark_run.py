@@ -1,6 +1,7 @@
 """`gatjax bench diagnose`: cases, solvers in processes of their own, baselines."""
 
 import json
+import signal
 import sys
 import threading
 import time
@@ -109,20 +110,20 @@ def test_stopping_stops_the_solvers(blind, tmp_path):
     (tmp_path / "c" / "answer.json").write_text(json.dumps({}))
     begun = time.monotonic()
 
+    caught = threading.Event()
+
     def press():
         while not (tmp_path / "a" / "count").exists():
             time.sleep(0.05)
-        raise_in_main()
-
-    def raise_in_main():
-        import signal
-
         signal.raise_signal(signal.SIGINT)
+        while not caught.wait(8.0):  # Python loses one while it collects garbage
+            signal.raise_signal(signal.SIGINT)
 
     thread = threading.Thread(target=press)
     thread.start()
     with pytest.raises(KeyboardInterrupt):
         solve(slow, twins, tmp_path, 0, 1, nothing)
+    caught.set()
     thread.join()
     assert time.monotonic() - begun < 30.0
     assert not (tmp_path / "b").exists()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gatjax import loop, runs
-from gatjax.loop import explain
+from gatjax.loop import explain, stages
 from gatjax.loop.setting import Setting
 from gatjax.settings import LoopSettings, SearchSettings
 from gatjax.sim.world import add_cause, nominal, read_world, write_world
@@ -25,6 +25,14 @@ SETTINGS = LoopSettings(
     backend="native",
 )
 QUIET = loop.Progress(stage=lambda text: None, work=lambda units: None)
+SHORT = Task(duration=2.0)  # what a run leaves does not hang on how long walks are
+
+
+@pytest.fixture(scope="module", autouse=True)
+def short():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stages, "task_at", lambda rate_hz: SHORT)
+        yield
 
 
 class Late(loop.Simulator):
@@ -33,7 +41,7 @@ class Late(loop.Simulator):
     name = "late"
 
     def __init__(self):
-        super().__init__(add_cause(nominal(Task()), "command_delay", ["all"], DELAY))
+        super().__init__(add_cause(nominal(SHORT), "command_delay", ["all"], DELAY))
 
 
 class Walker:
@@ -55,7 +63,7 @@ class Diagnosis:
         self.given.append((source, files.fit, files.held))
         tell("causes", 0.5)
         out.mkdir()
-        world = nominal(Task(), source, 0.0005)
+        world = nominal(SHORT, source, 0.0005)
         for name, value in self.causes.items():
             world = add_cause(world, name, ["all"], value)
         write_world(out / "world.json", world, {}, None)
@@ -85,7 +93,7 @@ def run(tmp_path_factory, robot):
 
 def setting_of(folder, robot, tell=None):
     progress = loop.Progress(tell, QUIET.work) if tell else QUIET
-    return Setting(folder, SETTINGS, Task(), nominal(Task()), robot, progress)
+    return Setting(folder, SETTINGS, SHORT, nominal(SHORT), robot, progress)
 
 
 def opened(root, monkeypatch, diagnosis):
@@ -113,7 +121,7 @@ def test_what_is_found_is_added_to_the_nominal_simulator(run):
     world, grounding = read_world(folder / "extended.json")
     assert grounding is None and world.source == "nao"
     assert [row["cause"] for row in world.causes] == ["command_delay"]
-    assert world.model.opt.timestep == nominal(Task()).model.opt.timestep
+    assert world.model.opt.timestep == nominal(SHORT).model.opt.timestep
 
 
 def test_gat_after_diagnosis_is_one_more_method(run):

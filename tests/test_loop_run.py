@@ -114,18 +114,17 @@ def _is_robot_summary(path, rows):
     return "robot_falls" in rows[0]
 
 
-STOPS = {
-    "in the search": (None, "gat: generation 2 of 2"),
-    "before the robot walks": (None, "gat: walk on the robot"),
-    "before grounding": (None, "gat: ground the simulator"),
-    "after the last checkpoint": (_is_check, None),
-    "between two tables": (_is_robot_summary, None),
-}
+STOPS = (  # in the order in which a run meets them
+    (None, "gat: ground the simulator"),
+    (None, "gat: generation 2 of 2"),
+    (_is_check, None),  # after the last checkpoint of the search
+    (None, "gat: walk on the robot"),
+    (_is_robot_summary, None),  # between two tables
+)
 
 
-@pytest.mark.parametrize("where", STOPS)
-def test_a_stopped_run_goes_on_with_the_same_numbers(
-    where, done, robot, tmp_path, monkeypatch
+def test_a_run_that_is_stopped_anywhere_goes_on_with_the_same_numbers(
+    done, robot, tmp_path, monkeypatch
 ):
     folder = tmp_path / "run"
     shutil.copytree(done, folder)
@@ -135,17 +134,17 @@ def test_a_stopped_run_goes_on_with_the_same_numbers(
     for name in tables:
         lines = (folder / name).read_text().splitlines(keepends=True)
         (folder / name).write_text("".join(x for x in lines if not x.startswith("gat")))
-    rows_to_stop_at, stage = STOPS[where]
     add_rows = runs.add_rows
+    for rows_to_stop_at, stage in STOPS:
 
-    def add_or_stop(path, rows):
-        if rows_to_stop_at is not None and rows_to_stop_at(path, rows):
-            raise KeyboardInterrupt
-        add_rows(path, rows)
+        def add_or_stop(path, rows, last=rows_to_stop_at):
+            if last is not None and last(path, rows):
+                raise KeyboardInterrupt
+            add_rows(path, rows)
 
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(runs, "add_rows", add_or_stop)
-        loop.run(folder, SETTINGS, robot, quiet(stage))
+        with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+            patch.setattr(runs, "add_rows", add_or_stop)
+            loop.run(folder, SETTINGS, robot, quiet(stage))
     loop.run(folder, SETTINGS, robot, quiet())
     for name in tables:
         assert rows_of(folder / name) == rows_of(done / name)
