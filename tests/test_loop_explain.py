@@ -6,13 +6,13 @@ import shutil
 
 import numpy as np
 import pytest
+from short_walks import SHORT
 
 from gatjax import loop, runs
-from gatjax.loop import explain, stages
+from gatjax.loop import explain
 from gatjax.loop.setting import Setting
 from gatjax.settings import LoopSettings, SearchSettings
 from gatjax.sim.world import add_cause, nominal, read_world, write_world
-from gatjax.task import Task
 
 DELAY = 0.03  # s, what the robot has and the simulator lacks
 SETTINGS = LoopSettings(
@@ -25,14 +25,7 @@ SETTINGS = LoopSettings(
     backend="native",
 )
 QUIET = loop.Progress(stage=lambda text: None, work=lambda units: None)
-SHORT = Task(duration=2.0)  # what a run leaves does not hang on how long walks are
-
-
-@pytest.fixture(scope="module", autouse=True)
-def short():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(stages, "task_at", lambda rate_hz: SHORT)
-        yield
+pytestmark = pytest.mark.usefixtures("short_walks")
 
 
 class Late(loop.Simulator):
