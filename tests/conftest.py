@@ -6,6 +6,7 @@ os.environ.setdefault("JAX_PLATFORMS", "cpu")
 
 import hypothesis
 import jax
+import pytest
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
@@ -23,3 +24,15 @@ def pytest_configure(config):
     folder = config.rootpath / ".pytest_cache" / "jax"
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+
+
+@pytest.fixture(scope="module")
+def short_walks():
+    """Runs of the loop have the task SHORT, whatever their settings say."""
+    from short_walks import SHORT  # not before the checks of types are in place
+
+    from gatjax.loop import stages
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stages, "task_at", lambda rate_hz: SHORT)
+        yield

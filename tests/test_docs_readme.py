@@ -8,7 +8,6 @@ import numpy as np
 from gatjax import task as tasks
 from gatjax.data.mapping import read_map
 from gatjax.data.recording import check_recording, read_recording
-from gatjax.loop import stages
 from gatjax.records import JOINTS, Base, Reading
 from gatjax.robot.model import slots
 from gatjax.settings import LoopSettings, SearchSettings
@@ -80,7 +79,7 @@ def test_own_robot_walks():
     assert robot.name == "my-nao"
 
 
-def test_loop_example_runs(tmp_path, monkeypatch):
+def test_loop_example_runs(tmp_path, monkeypatch, short_walks):
     monkeypatch.chdir(tmp_path)
     tiny = LoopSettings(
         methods=("none",),
@@ -90,8 +89,6 @@ def test_loop_example_runs(tmp_path, monkeypatch):
         search=SearchSettings(population=4, rollouts=1, generations=1),
         backend="native",
     )
-    short = tasks.Task(duration=2.0)
-    monkeypatch.setattr(stages, "task_at", lambda rate_hz: short)
     names = {"MyNao": lambda: make_robot("stiff"), "TINY": tiny}
     demo = 'replace(DEMO, methods=("none", "gat"), evaluations=2)'
     exec(replaced(blocks("python")[2], demo, "TINY"), names)

@@ -6,10 +6,11 @@ import shutil
 
 import numpy as np
 import pytest
+from short_walks import SHORT
 
 from gatjax import loop, runs
 from gatjax.diagnosis.start import Start
-from gatjax.loop import explain, stages
+from gatjax.loop import explain
 from gatjax.loop.setting import Setting
 from gatjax.settings import LoopSettings, SearchSettings
 from gatjax.sim.world import add_cause, nominal, read_world, write_world
@@ -26,14 +27,7 @@ SETTINGS = LoopSettings(
     backend="native",
 )
 QUIET = loop.Progress(stage=lambda text: None, work=lambda units: None)
-SHORT = Task(duration=2.0)  # what a run leaves does not hang on how long walks are
-
-
-@pytest.fixture(scope="module", autouse=True)
-def short():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(stages, "task_at", lambda rate_hz: SHORT)
-        yield
+pytestmark = pytest.mark.usefixtures("short_walks")
 
 
 class Late(loop.Simulator):

@@ -4,13 +4,12 @@ import shutil
 
 import numpy as np
 import pytest
+from short_walks import SHORT
 
 from gatjax import loop, runs
-from gatjax.loop import stages
 from gatjax.report import build_report
 from gatjax.settings import LoopSettings, SearchSettings
 from gatjax.sim.world import add_cause, nominal
-from gatjax.task import Task
 
 SETTINGS = LoopSettings(
     methods=("none", "gat"),
@@ -23,14 +22,7 @@ SETTINGS = LoopSettings(
 )
 
 
-SHORT = Task(duration=2.0)  # what a run leaves does not hang on how long walks are
-
-
-@pytest.fixture(scope="module", autouse=True)
-def short():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(stages, "task_at", lambda rate_hz: SHORT)
-        yield
+pytestmark = pytest.mark.usefixtures("short_walks")
 
 
 class Late(loop.Simulator):
