@@ -31,9 +31,14 @@ def made(tmp_path):
     return {"nominal": plain, "extended": slow}, log
 
 
+def played(worlds, log):
+    runs = 2 * to_arrays(log, ["a"])
+    return {name: replayed(world, runs) for name, world in worlds.items()}
+
+
 def test_what_is_left_of_speed_and_torque(made):
     worlds, log = made
-    rows = signals(worlds, [log, log], 2 * to_arrays(log, ["a"]), ["a"])
+    rows = signals(played(worlds, log), [log, log], ["a"])
     assert [(row["name"], row["unit"]) for row in rows] == [
         ("velocity.a", "rad/s"), ("torque.a", "N m")
     ]  # fmt: skip
@@ -47,7 +52,5 @@ def test_what_is_left_of_speed_and_torque(made):
 def test_what_one_file_lacks_is_not_shown(made):
     worlds, log = made
     less = {k: v for k, v in log.columns.items() if k != "torque.a"}
-    rows = signals(
-        worlds, [log, log._replace(columns=less)], 2 * to_arrays(log, ["a"]), ["a"]
-    )
+    rows = signals(played(worlds, log), [log, log._replace(columns=less)], ["a"])
     assert [row["name"] for row in rows] == ["velocity.a"]

@@ -7,6 +7,7 @@ import pytest
 
 from gatjax.effects.catalogue import CATALOGUE
 from gatjax.robot.model import slots
+from gatjax.sim import replay
 from gatjax.sim.backend import prepare
 from gatjax.sim.replay import replay_many
 from gatjax.sim.world import (
@@ -15,6 +16,7 @@ from gatjax.sim.world import (
     nominal,
     read_world,
     stacked,
+    stiffened,
     write_world,
 )
 from gatjax.task import Task
@@ -113,6 +115,30 @@ def test_a_neutral_cause_changes_nothing_and_a_batch_equals_one_by_one(
     np.testing.assert_allclose(angle[1], one.reading.angle[0], rtol=0, atol=1e-12)
     np.testing.assert_allclose(angle[0], other.reading.angle[0], rtol=0, atol=1e-12)
     assert np.abs(angle[1] - angle[0]).max() > 3e-3
+
+
+@pytest.mark.parametrize("more", ["backlash", "load_friction"])
+def test_a_long_replay_is_compiled_and_the_same(more, arm, monkeypatch):
+    world = add_cause(arm, "command_delay", ["a"], {"delay": 0.013})
+    world = stiffened(
+        add_cause(world, "thermal_derating", ["b"], {"lost_fraction": 0.5})
+    )
+    pair = [add_cause(world, more, ["a"], {CATALOGUE[more].main.name: value})
+            for value in (0.05, 0.1)]  # fmt: skip
+    each, start = stacked([one.values for one in pair]), np.zeros(2)
+    stiffness = np.stack([np.where(TIME > 0.4, 0.5, 1.0) + 0.0 * COMMAND] * 2)
+    played = []
+    for longest in (10_000, 0):
+        monkeypatch.setattr(replay, "LONG", longest)
+        played.append(
+            replay_many(pair[0], each, COMMAND, start, start, None, stiffness)
+        )
+    for name in ("velocity", "torque"):
+        one, other = (getattr(each, name) for each in played)
+        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-9)
+        assert np.abs(one[0] - one[1]).max() > 0.01
+    one, other = (each.reading.angle for each in played)
+    np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-12)
 
 
 def test_row_0_is_the_start_and_rows_are_measured_before_their_command(arm):

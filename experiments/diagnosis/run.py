@@ -3,12 +3,12 @@
     python experiments/diagnosis/run.py --out DIR --seed 44000 --cases 40
 
 makes 40 cases of each kind (seeds 44001 to 44004) and diagnoses them. Ctrl-C keeps what
-is solved, and the same command goes on. It writes marks/44000.json, and scores.md with
-its pictures of all seeds in marks/ that were measured with the method of the newest
-one: no file differs that `gatjax.diagnosis`, the cases or the marks import. So a large
-sample can be made of several seeds, on several days and machines. A seed must be fresh:
-no case of it was looked at while the method was made, and the method stays as it is
-until the last one is solved.
+is solved, and the same command goes on. It writes marks/44000.json and prints its
+scores; scores.md and its pictures are those of SAMPLE, which are seeds of one method:
+no file differs that `gatjax.diagnosis`, the cases or the marks import. So a large
+sample can be made on several days and machines. A seed must be fresh: no case of it was
+looked at while the method was made, and the method stays as it is until the last one is
+solved.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ HERE = Path(__file__).parent
 KINDS = ("single", "pair", "null", "outside")
 ROBOTS = ("arm_servo", "arm_two", "leg_six", "quad_hung")
 STOPPED = (-2, -15, 130)  # exit codes of what Ctrl-C ended
+SAMPLE = range(48000, 54000, 1000)  # seeds that scores.md is about
 LEAST = "3"  # visibility d that effects aim at
 METHOD = (  # and whatever these import
     "gatjax.diagnosis.diagnose", "gatjax.diagnosis.suitable", "gatjax.data.checks",
@@ -84,8 +85,8 @@ def solve(out: Path, kind: str, seed: int, cases: int) -> int:
     return gatjax(["bench", "diagnose", "--out", str(out / kind), *wanted, *chosen])
 
 
-def keep(out: Path, seed: int, commit: str) -> None:
-    """Write the marks of all cases up to the first one that is not solved."""
+def keep(out: Path, seed: int, commit: str) -> Path:
+    """Write the marks of all cases up to the first one that is not solved; the file."""
     marks = []
     for kind in KINDS:
         made = (out / kind / "set/answers.json").is_file()
@@ -101,7 +102,9 @@ def keep(out: Path, seed: int, commit: str) -> None:
         {k: None if v != v else v for k, v in each._asdict().items()} for each in marks
     ]
     facts = {"commit": commit, "seed": seed, "marks": rows}
-    write_json(HERE / "marks" / f"{seed}.json", facts)
+    file = HERE / "marks" / f"{seed}.json"
+    write_json(file, facts)
+    return file
 
 
 def kept(file: Path) -> list[Mark]:
@@ -114,17 +117,16 @@ def kept(file: Path) -> list[Mark]:
     return marks
 
 
-def draw() -> str:
-    """Write the scores of the newest method, and their pictures; the scores as text."""
-    files = sorted((HERE / "marks").glob("*.json"))
-    methods = [method(read_json(file)["commit"]) for file in files]
-    newest = [f for f, m in zip(files, methods, strict=True) if m == methods[-1]]
-    every: list[Any] = [row for file in newest for row in kept(file)]
+def draw() -> None:
+    """Write the scores of SAMPLE and their pictures."""
+    files = [HERE / "marks" / f"{seed}.json" for seed in SAMPLE]
+    if len({method(read_json(file)["commit"]) for file in files}) > 1:
+        raise SystemExit("the seeds of SAMPLE were not measured with one method")
+    every: list[Any] = [row for file in files for row in kept(file)]
     text = tables.document({"gatjax": every})
     write_whole({HERE / "scores.md": text.encode()})
     figures.draw_confusion([m for m in every if m.main], HERE / "confusion.png")
     figures.draw_detection({"gatjax": every}, HERE / "detection.png")
-    return text
 
 
 def main() -> None:
@@ -143,8 +145,9 @@ def main() -> None:
             continue
         if solve(given.out, kind, given.seed + number, given.cases) != 0:
             break  # Ctrl-C: what is solved counts
-    keep(given.out, given.seed, commit)
-    print(draw())
+    file = keep(given.out, given.seed, commit)
+    print(tables.document({"gatjax": kept(file)}))
+    draw()
 
 
 if __name__ == "__main__":

@@ -146,7 +146,7 @@ def diagnose(
     if not data.floating:
         (pairs["nominal"],) = _predicted(data, [made["nominal"]])
         for part, runs, angles in zip(
-            files[:2], (data.logs, data.unseen), pairs["nominal"], strict=True
+            files[:2], (data.logs, data.unseen), pairs["nominal"].angles(), strict=True
         ):
             servos = robot_model.servoed(data.model)
             check_replay(start.source, part, runs, angles, servos)
@@ -188,7 +188,7 @@ def _borne_out(
     verdict: Verdict, data: Given, made: dict[str, World], pairs: dict[str, Predicted]
 ) -> Verdict:
     """The verdict, its causes doubted where they do not predict held-out logs."""
-    series = {name: each[1] for name, each in pairs.items()}
+    series = {name: each.angles()[1] for name, each in pairs.items()}
     errors = measure.log_errors(data.unseen, series)
     seen = Seen(
         (errors["nominal"], errors["extended"]),
@@ -216,7 +216,8 @@ def _told(
     beside = [{} for _ in case.runs] if data.floating else conditions(data.files.fit)
     said = result.told(verdict, beside, seed)
     if not data.floating:
-        said["signals"] = signals(made, data.files.fit, data.logs, data.joints)
+        played = {name: each.fit for name, each in pairs.items()}
+        said["signals"] = signals(played, data.files.fit, data.joints)
     out.mkdir(parents=True, exist_ok=True)
     for name in ("report.html", "diagnosis.json"):
         (out / name).unlink(missing_ok=True)
@@ -266,8 +267,8 @@ def _extended(verdict: Verdict, data: Given, start: World) -> tuple[World, Predi
         for some in ((extend.neutral(rows), rows) if rows else ([],))
     ]
     told = _predicted(data, tried)
-    lost = [sum(np.isnan(angles).sum() for angles in fit) for fit, _ in told]
-    pair = {str(k): fit for k, (fit, _) in enumerate(told)}
+    pair = {str(k): each.angles()[0] for k, each in enumerate(told)}
+    lost = [sum(np.isnan(angles).sum() for angles in fit) for fit in pair.values()]
     errors = measure.log_errors(data.logs, pair)
     size = [error.squared.sum() for error in errors.values()]
     best = min(range(len(tried)), key=lambda k: (lost[k], size[k]))
@@ -280,6 +281,7 @@ def _predicted(data: Given, worlds: Sequence[World]) -> list[Predicted]:
     """Open-loop predictions by worlds of one structure."""
     runs = [*data.logs, *data.unseen]
     values = [world.values for world in worlds for _ in runs]
-    played = measure.whole_log(worlds[0], runs * len(worlds), values)
+    played = measure.replayed(worlds[0], runs * len(worlds), values)
     parts = [played[k : k + len(runs)] for k in range(0, len(played), len(runs))]
-    return [(part[: len(data.logs)], part[len(data.logs) :]) for part in parts]
+    fit = len(data.logs)
+    return [Predicted(part[:fit], part[fit:]) for part in parts]

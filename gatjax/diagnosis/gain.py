@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import measure
 from gatjax.diagnosis.case import Case
-from gatjax.diagnosis.measure import Errors
+from gatjax.diagnosis.measure import Errors, Replayed
 from gatjax.grounding.network import Network
 from gatjax.sim.limbs import floats
 from gatjax.sim.world import World
 
-Predicted = tuple[list[np.ndarray], list[np.ndarray]]
-"""Open-loop angles [N, J] rad of the fit and of the held-out runs."""
+
+class Predicted(NamedTuple):
+    """Open-loop predictions of whole runs."""
+
+    fit: list[Replayed]
+    unseen: list[Replayed]
+
+    def angles(self) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """Of the fit and of the held-out runs, [N, J] rad."""
+        fit, unseen = ([each.angle for each in runs] for runs in self)
+        return fit, unseen
 
 
 def gained(
@@ -39,7 +48,8 @@ def gained(
     whole = measure.log_errors(
         unseen,
         {
-            "before": pairs["nominal"][1], "after": pairs["extended"][1],
+            "before": pairs["nominal"].angles()[1],
+            "after": pairs["extended"].angles()[1],
             "learned": measure.learned_log(forward, unseen),
         },
     )  # fmt: skip

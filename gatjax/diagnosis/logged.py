@@ -13,23 +13,22 @@ import numpy as np
 
 from gatjax.data.recording import Recording
 from gatjax.data.sampling import noise_of
-from gatjax.data.trajectories import JointRun, cut_columns
-from gatjax.diagnosis.measure import replayed
-from gatjax.sim.world import World
+from gatjax.data.trajectories import cut_columns
+from gatjax.diagnosis.measure import Replayed
 
 UNITS = {"velocity": "rad/s", "torque": "N m"}
 
 
 def signals(
-    worlds: Mapping[str, World], files: Sequence[Recording], runs: list[JointRun],
+    played: Mapping[str, Sequence[Replayed]], files: Sequence[Recording],
     joints: Sequence[str],
 ) -> list[dict[str, Any]]:  # fmt: skip
     """RMS of measured minus simulated speed and torque over whole logs, open loop.
 
     Args:
-        worlds: `nominal` and `extended`.
-        files: the recordings of the runs.
-        runs: all their trajectories, in order.
+        played: all trajectories of the files, in order, by the worlds `nominal` and
+            `extended`.
+        files: the recordings.
         joints: of the model.
 
     Returns:
@@ -44,7 +43,6 @@ def signals(
     if not names:
         return []
     told = [part for log in files for part in cut_columns(log, names)]
-    played = {key: replayed(world, runs) for key, world in worlds.items()}
 
     def row(name: str) -> dict[str, Any]:
         family, _, joint = name.partition(".")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import savgol_coeffs
 
 from gatjax.data.trajectories import JointRun
 
@@ -25,7 +24,7 @@ class Motion(NamedTuple):
 
 
 def smoothed(run: JointRun, angle: np.ndarray, time: np.ndarray) -> Motion:
-    """Fit a parabola around every sample (Savitzky-Golay on an even grid).
+    """Fit a parabola around every sample (Savitzky and Golay 1964, on an even grid).
 
     Args:
         run: gives the stamps.
@@ -38,10 +37,11 @@ def smoothed(run: JointRun, angle: np.ndarray, time: np.ndarray) -> Motion:
     half = max(2, round(0.5 * WINDOW / even[1]))
     padded = np.stack([np.interp(even, stamps, q) for q in angle.T], -1)
     padded = np.pad(padded, ((half, half), (0, 0)), mode="edge")
+    ahead = even[1] * np.arange(-half, half + 1)
+    parabola = np.linalg.pinv(np.vander(ahead, 3, increasing=True))  # of the readings
     series = []
-    for order in range(3):
-        kernel = savgol_coeffs(2 * half + 1, 2, deriv=order, delta=even[1], use="conv")
-        smooth = [np.convolve(q, kernel, mode="valid") for q in padded.T]
+    for scale, weights in zip((1.0, 1.0, 2.0), parabola, strict=True):
+        smooth = [scale * np.correlate(q, weights, mode="valid") for q in padded.T]
         series.append(np.stack([np.interp(time, even, s) for s in smooth], -1))
     return Motion(time, *series)
 

@@ -28,8 +28,10 @@ def write_signals(
         verdict: gives the loads of the runs that were explained.
     """
     runs = [*logs, *unseen]
-    nominal = [*pairs["nominal"][0], *pairs["nominal"][1]]
-    extended = [*pairs["extended"][0], *pairs["extended"][1]]
+    nominal, extended = (
+        [each.angle for part in pairs[name] for each in part]
+        for name in ("nominal", "extended")
+    )
     columns: dict[str, np.ndarray] = {
         "time": np.concatenate([run.time for run in runs]),
         "trajectory": np.concatenate(

@@ -1,7 +1,7 @@
 """Open-loop replay of whole logs on the CPU, each robot with values of its own.
 
-Nothing is compiled: effects run in numpy over the batch, MuJoCo steps on all cores.
-Where no effect looks at the joints, MuJoCo plays many rows in one call.
+Effects run in numpy over the batch, those of long replays compiled; MuJoCo steps on
+all cores. Where no effect looks at the joints, it plays many rows in one call.
 """
 
 from __future__ import annotations
@@ -19,11 +19,13 @@ from gatjax.effects.sensor import drifted
 from gatjax.records import Base, Played, Reading, Sensed, Signal
 from gatjax.robot.model import slots as find_slots
 from gatjax.sim import derived
-from gatjax.sim.actuation import Actuation, State, actuation
+from gatjax.sim.actuation import actuation
+from gatjax.sim.compiled import Compiled, precisely
 from gatjax.sim.world import Values, World, fields_applied
 
 Array = Any
 CHUNK = 2_000_000  # numbers that one call of MuJoCo may record of a field
+LONG = 4000  # physics steps from which on compiling takes less time than it saves
 
 
 class Plan(NamedTuple):
@@ -31,7 +33,7 @@ class Plan(NamedTuple):
 
     world: World
     where: Any  # Slots
-    servos: Actuation
+    servos: Any  # Actuation, or one that is Compiled
     command: Effect
 
 
@@ -84,7 +86,7 @@ def replay_many(
     for name in RECORDED:
         physics.bind(name)
     play = _foreseen if world.foresees else _stepped
-    with np.errstate(all="ignore"):  # a run that diverges is a row of NaN
+    with np.errstate(all="ignore"), precisely():  # a run that diverges is NaN
         rows, torque, seen = play(plan, values, physics, told)
         return _measured(plan, values, rows, torque, seen)
 
@@ -134,8 +136,10 @@ def _stepped(
 ) -> tuple[dict, Array, Array]:
     """Play step by step, for effects that look at the joints."""
     commands = told.command
-    where, servos = plan.where, plan.servos
+    if commands.shape[1] * plan.world.substeps > LONG and not plan.servos.plain:
+        plan = plan._replace(servos=Compiled(plan.servos, values, len(commands)))
     command, state = _first(plan, values, commands, physics)
+    where, servos = plan.where, plan.servos
     dofs, substeps = where.velocity, plan.world.substeps
     friction = physics.expand("dof_frictionloss") if servos.torques else None
     armature = physics.expand("dof_armature") if servos.geared else None
@@ -143,7 +147,7 @@ def _stepped(
     ctrl, applied = physics.ctrl, physics.qfrc_applied
     rows, torques, seen = [], [], []
 
-    def keep(state: State) -> None:
+    def keep(state: Any) -> None:
         rows.append(_now(physics))
         seen.append(servos.seen(values, state, rows[-1]["qpos"][:, where.position]))
         force = rows[-1]["actuator_force"]
