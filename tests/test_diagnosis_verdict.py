@@ -105,6 +105,23 @@ def test_a_cause_of_the_joint_that_carries_a_link_is_looked_for_again(named):
     assert [cause.claim.body for cause in found] == [1, None]
 
 
+@pytest.mark.parametrize(("gain", "expected"), [(99.0, ["gain"]), (102.0, [])])
+def test_a_cause_is_not_told_beside_a_better_one_that_is_no_finding(
+    named, monkeypatch, gain, expected
+):
+    every = sorted([claim("gain"), claim("elastic", gain)], key=lambda c: -c.gain)
+    judge = Told({"": 0.0, "gain": 9.0}, every)
+    judge.most, judge.fork = 1, lambda: judge
+    monkeypatch.setattr(
+        verdict, "worth_naming", lambda judge, claim: claim.hypothesis.cause == "gain"
+    )
+    monkeypatch.setattr(verdict, "_instead", lambda judge, causes, _: (judge, causes))
+    monkeypatch.setattr(verdict, "adequate", lambda judge, k: True)
+    judge.current = lambda claim: claim
+    causes = verdict.decide(judge).causes
+    assert [cause.claim.hypothesis.cause for cause in causes] == expected
+
+
 @pytest.mark.parametrize("first, second, covered", [
     ("payload", "com_shift", True),  # it is a payload beside the centre of mass
     ("com_shift", "payload", False),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -16,8 +17,7 @@ from gatjax.diagnosis.judge import Judge
 
 TEMPER = 0.5  # of the log evidence, so that probabilities are calibrated
 CERTAIN = 0.8  # probability from which a cause is named
-GUESS = 0.2  # probability that the first cause needs: what beats it is no finding
-LIKELY = 0.5  # probability that a further cause needs to be told at all
+LIKELY = 0.5  # probability that a cause needs to be told at all; the first may tie
 CLOSE = 3.0  # nats: two causes that the data cannot tell apart
 MARGIN = 10.0  # nats: an alias is told apart
 LOCAL = 2  # joints at most of a cause that may give way to two others
@@ -97,7 +97,7 @@ def decide(judge: Judge) -> Verdict:
             judge, causes, before = trial, [*causes, *both], [*before, now, now]
         else:
             cause = _weighed(judge, best, claims)
-            if cause.probability < (LIKELY if causes else GUESS):
+            if cause.probability < LIKELY and (causes or _beaten(judge, best, claims)):
                 break
             causes.append(cause._replace(claim=judge.accept(best)))
             before.append(now)
@@ -273,6 +273,16 @@ def _weighed(judge: Judge, best: Claim, claims: list[Claim]) -> Cause:
     }
     equivalent = sorted((close | mine - told) - {best.hypothesis.cause})
     return Cause(best, probability, list(zip(rivals, shares, strict=True)), equivalent)
+
+
+def _beaten(judge: Judge, best: Claim, claims: list[Claim]) -> bool:
+    """Whether a catalogued rival that is no finding explains more; then neither is."""
+    mine = alias(best.hypothesis, len(judge.joints))
+    before = itertools.takewhile(lambda claim: claim is not best, claims)
+    return any(
+        c.hypothesis.cause and c.rivals(best) and not _same(c, best, mine)
+        for c in before
+    )
 
 
 def _same(claim: Claim, best: Claim, aliases: frozenset[str]) -> bool:
