@@ -29,8 +29,7 @@ def write_signals(
     """
     runs = [*logs, *unseen]
     nominal, extended = (
-        [each.angle for part in pairs[name] for each in part]
-        for name in ("nominal", "extended")
+        sum(pairs[name].angles(), []) for name in ("nominal", "extended")
     )
     columns: dict[str, np.ndarray] = {
         "time": np.concatenate([run.time for run in runs]),

@@ -40,7 +40,7 @@ class Compiled:
         self._told = True, servos.torques, servos.torques, servos.geared  # of a Push
         used = Values({}, values.motor, {}, {}, values.joint, (), values.servo)
         self._values, self._open_values = _flat(used, robots)
-        self._open: Callable[[Array], State] = lambda flat: flat
+        self._open: Callable[[Array], State]  # of the state that `init` gives
         self._step, self._see = (
             jax.jit(jax.vmap(one)) for one in (self._stepped, self._seen)
         )
