@@ -1,3 +1,4 @@
+# make install           gatjax into .venv, which the others do first
 # make run               collect, ground, search, evaluate, report (the demo preset)
 # make run ARGS="..."    the same with arguments for `gatjax run`, e.g. ARGS="--resume"
 # make test              lint, formatting, import rules, types, tests
@@ -19,8 +20,10 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Pyright would otherwise ask the network whether there is a newer pyright.
 export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
 
-.PHONY: run test bench picture clean
+.PHONY: install run test bench picture clean
 .NOTPARALLEL:
+
+install: .venv/installed
 
 run: .venv/installed
 	@$(BIN)/gatjax run $(ARGS)

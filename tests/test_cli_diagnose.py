@@ -62,7 +62,7 @@ def refused(capsys, *arguments):
 def test_good_logs_are_taken(given, tmp_path):
     robot, fit, held = given
     words = ["--model", robot, "--data", fit, "--held-out", held, "--out", "x"]
-    _, logs = read_given(parse(["diagnose", *words]))
+    _, logs, _ = read_given(parse(["diagnose", *words]))
     assert [r.name for r in logs.fit + logs.held] == [fit, held]
     assert {row["file"] for row in logs.checks} == {fit, held}
 
@@ -82,7 +82,7 @@ def test_commands_that_the_model_clips_are_told(given, tmp_path):
     _, fit, _ = given
     narrow = SERVO.replace("<position", '<position ctrlrange="-0.5 0.5"')
     robot = model(tmp_path / "narrow.xml", narrow, "")
-    _, logs = read_given(
+    _, logs, _ = read_given(
         parse(["diagnose", "--model", robot, "--data", fit, "--out", "x"])
     )
     texts = [row["text"] for row in logs.checks if row["check"] == "limits"]
@@ -95,7 +95,7 @@ def test_one_file_may_move_little_beside_a_lively_one(given, tmp_path, capsys):
     robot, fit, _ = given
     calm = log(tmp_path / "calm.parquet", seed=5, reach=0.01)
     words = ["--model", robot, "--data", fit, calm, "--out", "x"]
-    _, logs = read_given(parse(["diagnose", *words]))
+    _, logs, _ = read_given(parse(["diagnose", *words]))
     rows = [row for row in logs.checks if row["check"] == "excitation"]
     assert [(row["file"], row["level"]) for row in rows] == [(calm, "warning")]
     line = refused(capsys, "--model", robot, "--data", calm, "--out", "x")
@@ -234,6 +234,12 @@ def test_the_gain_is_said_only_where_it_was_measured():
     lines = gain_lines(gain, True)
     assert len(lines) == 1
     assert "1.15 -> 0.286 deg rms, 75% less" in lines[0] and "70% to 80%" in lines[0]
+    told = gain | {"learned_ceiling": 0.03, "noise_floor": 0.001}
+    assert (
+        "reaches 1.72 deg, worse than the old one; noise" in gain_lines(told, True)[1]
+    )
+    told |= {"learned_ceiling": 0.01}
+    assert "reaches 0.573 deg; noise is 0.0573 deg" in gain_lines(told, True)[1]
     worse = gain | {"after": 0.021, "promoted": False}
     assert (
         "5% more" in gain_lines(worse, True)[0]

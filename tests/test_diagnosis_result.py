@@ -116,5 +116,5 @@ def test_the_sentence_names_few_joints_and_claims_no_more_than_it_knows():
         "where": list("abcdef"), "equivalent": ["joint_elasticity"], "probability": 0.3
     }  # fmt: skip
     text = sentence(verdict([])._replace(verdict="ambiguous", unexplained=[]), [many])
-    assert "may lack backlash (or joint elasticity)" in text
-    assert "at a, b, c, d and others, but" in text
+    assert "may lack backlash of" in text
+    assert "at a, b, c, d and others (or joint elasticity), but" in text

@@ -33,3 +33,8 @@ def test_a_file_that_makes_no_sense_is_refused_in_one_line(tmp_path, told, word)
     with pytest.raises(ValueError, match=word) as refused:
         read_tolerances(written(tmp_path, **told))
     assert "\n" not in str(refused.value)
+
+
+def test_a_file_that_is_not_there_is_said_in_one_line(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"no.json does not exist; docs/files"):
+        read_tolerances(tmp_path / "no.json")

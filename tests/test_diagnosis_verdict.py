@@ -199,6 +199,18 @@ def test_loads_that_do_not_follow_are_looked_at_once(concluded):
     assert concluded((["limit"], 0.0, []), None, 60.0, follows=False) == ["limit"]
 
 
+@pytest.mark.parametrize("probability, separation, said", [
+    (1.0, 9.0, "already; it would confirm it."), (1.0, 2.0, "hardly enough to decide."),
+    (0.9, 9.0, "the most of all safe motions."),
+])  # fmt: skip
+def test_a_motion_says_whether_it_would_decide(probability, separation, said):
+    causes = [verdict.Cause(claim("gain"), probability, [], [])]
+    found = verdict.Verdict("named", causes, [], None, [], Told({}))
+    text = experiment._why(found, "jumps", ["gain_error", "backlash"], separation)
+    assert text.startswith("Jumps: the predictions of gain error and backlash differ")
+    assert text.endswith(said)
+
+
 def test_the_next_experiment_is_about_the_least_sure_cause():
     lag, delay, gain = (claim(name) for name in ("lag", "delay", "gain"))
     sure = verdict.Cause(lag, 1.0, [(delay, 0.0)], [])

@@ -366,6 +366,15 @@ def test_numbers_are_those_of_the_file(tmp_path):
     assert "not promoted" in text and "1.15° before, 0.859° after" in text
 
 
+def test_joints_that_got_worse_are_told(tmp_path):
+    row = {"horizon_s": None, "before": 0.02, "after": 0.015, "low": 0.1, "high": 0.4}
+    worse = row | {"joint": "elbow", "after": 0.03, "low": -0.8, "high": -0.1}
+    rows = [row | {"joint": "all"}, row | {"joint": "hip"}, worse,
+            worse | {"horizon_s": 0.5, "joint": "knee"}]  # fmt: skip
+    page = edited(tmp_path, gain={"before": 0.02, "after": 0.015, "horizons": rows})
+    assert "It predicts elbow worse than before." in Text(page).all
+
+
 def test_runner_up_is_told_why_it_lost(pages):
     assert "cannot be told apart from command delay at servo" in pages["ambiguous"]
     assert "nearly as good as coulomb friction at servo" in pages["named"]

@@ -30,7 +30,7 @@ from gatjax.diagnosis.suitable import (
     check_model,
     check_ranges,
 )
-from gatjax.diagnosis.tolerances import USUAL, read_tolerances
+from gatjax.diagnosis.tolerances import USUAL, Tolerances, read_tolerances
 from gatjax.loop.staged import staged
 from gatjax.report.diagnosis import write_report
 from gatjax.robot import model as robot_model
@@ -40,7 +40,7 @@ WRITTEN = ("extended.xml", "signals.parquet", "world.json")
 SAME_RATE = 1.05  # longest over shortest median period of the files
 
 
-def read_given(verb: Diagnose) -> tuple[Start, Logs]:
+def read_given(verb: Diagnose) -> tuple[Start, Logs, Tolerances]:
     """Read and check everything that a diagnosis takes.
 
     Raises:
@@ -49,6 +49,7 @@ def read_given(verb: Diagnose) -> tuple[Start, Logs]:
     """
     if not verb.data:
         raise ValueError("--data names no file; give at least one recording")
+    allowed = USUAL if verb.tolerances is None else read_tolerances(verb.tolerances)
     start = _start(verb)
     model = start.model()
     check_model(model, Path(start.source))
@@ -77,7 +78,7 @@ def read_given(verb: Diagnose) -> tuple[Start, Logs]:
         {"file": start.source, "level": "warning", "check": "model", "text": text}
         for text in cautions(model)
     ]
-    return start, Logs(fit, held, [*model_rows, *rows])
+    return start, Logs(fit, held, [*model_rows, *rows]), allowed
 
 
 def _start(verb: Diagnose) -> Start:
@@ -144,10 +145,8 @@ def _check_rates(logs: Sequence[Recording]) -> None:
         )
 
 
-def explain(verb: Diagnose, start: Start, logs: Logs) -> None:
+def explain(verb: Diagnose, start: Start, logs: Logs, allowed: Tolerances) -> None:
     """Diagnose, write the folder and say what was found."""
-    own = verb.tolerances
-    allowed = USUAL if own is None else read_tolerances(own)
     for row in logs.checks:
         if row["level"] == "warning":
             print(f"warning: {row['text']}", file=sys.stderr)

@@ -55,7 +55,8 @@ def gain_lines(gain: Mapping[str, Any] | None, held: bool) -> list[str]:
     if learned is not None:
         floor = _degrees(gain["noise_floor"])
         lines.append(
-            f"           a learned model reaches {_degrees(learned)} deg, noise is "
+            f"           a learned model reaches {_degrees(learned)} deg"
+            f"{', worse than the old one' if learned > before else ''}; noise is "
             f"{floor} deg"
         )
     if not gain.get("promoted", True):

@@ -239,9 +239,9 @@ def diagnose(verb: verbs.Diagnose) -> None:
 
     check_least(0, seed=verb.seed)
     use_compile_cache()
-    start, logs_of_robot = read_given(verb)
+    given = read_given(verb)
     runs.make_folder(verb.out)
-    explain(verb, start, logs_of_robot)
+    explain(verb, *given)
 
 
 @act.register

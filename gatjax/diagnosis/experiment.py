@@ -21,7 +21,8 @@ from gatjax.sim.replay import replay_many
 from gatjax.sim.world import World, stacked
 
 SECONDS = 14.0  # s, of every motion that is compared
-LEAST = 1.0  # noise units: less separates nothing
+LEAST, ENOUGH = 1.0, 3.0  # noise units: less separates nothing; more decides
+DECIDED = 0.99  # probability from which another log can only confirm
 SETTLE = 1.0  # s at the first target
 
 
@@ -103,13 +104,23 @@ def propose(
         "joints": joints,
         "command": shlex.join(words),
         "separation": round(separation, 2),
-        "why": (
-            f"{MENU[chosen].title.capitalize()}: the predictions of "
-            f"{' and '.join(names[:2]).replace('_', ' ')} differ by "
-            f"{separation:.1f} times the reading noise there, the most of all safe "
-            f"motions."
-        ),
+        "why": _why(verdict, MENU[chosen].title, names[:2], separation),
     }
+
+
+def _why(verdict: Verdict, motion: str, pair: list[str], separation: float) -> str:
+    """What a motion is good for."""
+    words = (
+        f"{motion.capitalize()}: the predictions of "
+        f"{' and '.join(pair).replace('_', ' ')} differ by {separation:.1f} times the "
+        f"reading noise there, the most of all safe motions."
+    )
+    if separation < ENOUGH:
+        return f"{words} That is hardly enough to decide."
+    sure = verdict.verdict == "named"
+    if sure and min(cause.probability for cause in verdict.causes) > DECIDED:
+        return f"{words} The logs have decided that already; it would confirm it."
+    return words
 
 
 def _world(verdict: Verdict, claims: list[Claim], start: Start, period: float) -> World:

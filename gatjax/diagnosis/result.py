@@ -272,4 +272,6 @@ def _phrase(row: dict[str, Any]) -> str:
     alike = " or ".join(row["equivalent"]).replace("_", " ")
     other = f" (or {alike})" if alike else ""
     words = row["cause"].replace("_", " ")
-    return f"{words}{other} of {value['value']:.3g}{unit} ({name}) at {where}"
+    size = f"{value['value']:.3g}{unit}"
+    size += "" if name in words else f" ({name})"
+    return f"{words} of {size} at {where}{other}"

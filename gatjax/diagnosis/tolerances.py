@@ -42,8 +42,13 @@ def read_tolerances(path: Path) -> Tolerances:
     """Read the tolerances that differ from the usual ones.
 
     Raises:
+        FileNotFoundError: there is no such file.
         ValueError: one line: no such tolerance, or a size that can not be.
     """
+    if not path.is_file():
+        raise FileNotFoundError(
+            f"--tolerances {path} does not exist; docs/files.md shows such a file"
+        )
     told = read_json(path)
     if told.pop("schema", SCHEMA) != SCHEMA:
         raise ValueError(f"{path}: not a file of tolerances; its schema is {SCHEMA}")

@@ -59,14 +59,21 @@ def signal_picture(rows: Sequence[dict[str, Any]]) -> str:
     return draw(paint, height=0.9 + 0.28 * len(rows))
 
 
-def error_picture(rows: Sequence[Horizon], floor: float, ceiling: float) -> str:
-    """Held-out error of all joints by horizon, before and after."""
+def error_picture(rows: Sequence[Horizon], floor: float) -> str:
+    """Held-out error of all joints by horizon, before and after.
+
+    A learned model that is worse than the nominal one is left out: it measures nothing.
+    """
 
     def paint(axes: Axes) -> None:
-        for value, colour in ((floor, INK), (ceiling, CEILING)):
-            if math.isfinite(value):
-                height = math.degrees(value)
-                axes.axhline(height, color=colour, linestyle=(0, (4, 3)), linewidth=1.4)
+        dashes = {"linestyle": (0, (4, 3)), "linewidth": 1.4}
+        if math.isfinite(floor):
+            axes.axhline(math.degrees(floor), color=INK, **dashes)
+        for place, row in enumerate(rows):
+            if row.learned <= row.before:
+                height = math.degrees(row.learned)
+                ends = place - 0.4, place + 0.4
+                axes.plot(ends, [height] * 2, color=CEILING, **dashes)
         places = np.arange(len(rows))
         for shift, colour, errors in (
             (-0.17, NOMINAL, [row.before for row in rows]),

@@ -14,6 +14,7 @@ from gatjax.report.wording import DASH, escape, number
 HEADING = "Evidence: which causes were weighed"
 SHOWN = 5  # candidates for each cause
 CLOSE = 3.0  # difference of log evidence below which nothing is decided
+SURE = 0.8  # probability from which a cause is named
 HEAD = (
     "<tr><th>cause</th><th class=n>size</th><th>probability</th>"
     "<th class=n>log evidence,<br>nats</th>"
@@ -87,7 +88,7 @@ def reason(each: Cause, first: Cause, named: Cause | None, left: bool) -> str:
             return "fits best, but is no cause of the catalogue"
         return "fits best, but leaves too much to be the explanation"
     if each is first:
-        return "named"
+        return "named" if each.probability >= SURE else "fits best, with a doubt"
     if each.name in named.equivalent:
         return f"cannot be told apart from {title(named)} in these logs"
     lost = first.evidence - each.evidence

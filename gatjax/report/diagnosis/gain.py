@@ -31,7 +31,7 @@ def gain_section(diagnosis: Diagnosis) -> str:
     every = [row for row in rows if row.joint == "all"]
     if not every and number_in(gain, "before") > 0.0:
         numbers = (number_in(gain, name) for name in ("before", "after", "low", "high"))
-        every = [Horizon(math.inf, "all", *numbers)]
+        every = [Horizon(math.inf, "all", *numbers, learned=ceiling)]
     if not every:
         held = texts_of(diagnosis.part("files").get("held_out"))
         words = "No held-out logs were given, so no gain."
@@ -39,19 +39,20 @@ def gain_section(diagnosis: Diagnosis) -> str:
             words = "A robot falls at the start of the held-out logs, so no gain."
         return section(HEADING, f"<p>{words}</p>")
     shown = [
-        picture("Error of all joints", error_picture(every, floor, ceiling)),
+        picture("Error of all joints", error_picture(every, floor)),
         picture("Gain with its 95 % interval", gain_picture(every)),
     ]
     shown += _by_joint(rows)
-    body = f"<p>{escape(_words(diagnosis))}</p>"
+    body = f"<p>{escape(_words(diagnosis) + _losers(rows))}</p>"
     colours = [("none", "nominal model"), ("gat", "extended model")]
     colours += [("ink", "noise floor")] if math.isfinite(floor) else []
-    colours += [("guided", "learned model")] if math.isfinite(ceiling) else []
+    useful = any(row.learned <= row.before for row in every)
+    colours += [("guided", "learned model")] if useful else []
     body += key(*colours) + gallery(shown)
     own = [row for row in rows if row.joint != "all"]
     single = f"<details><summary>Every joint</summary>{_table(own)}</details>"
     body += _table(every) + (single if own else "")
-    return section(HEADING, body + _note(floor, ceiling))
+    return section(HEADING, body + _note(floor, ceiling, every[-1].before))
 
 
 def _by_joint(rows: Sequence[Horizon]) -> list[str]:
@@ -73,7 +74,10 @@ def _words(diagnosis: Diagnosis) -> str:
     gain = diagnosis.part("gain")
     words = []
     if diagnosis.verdict == "none":
-        words.append("No cause was named, so there is nothing to promote.")
+        words.append(
+            "No cause was named. What the extended model gains comes from nominal "
+            "numbers that were fitted again within their tolerances."
+        )
     elif "promoted" in gain:
         words.append(
             "The extended model is promoted: it predicts logs that it was not "
@@ -83,11 +87,13 @@ def _words(diagnosis: Diagnosis) -> str:
             "reaches down to zero or below, so keep the nominal model."
         )
     share = number_in(gain, "learned_share")
-    if math.isfinite(share) and share > 0.0 and diagnosis.verdict != "none":
+    if 0.0 < share <= 1.0 and diagnosis.verdict != "none":
         words.append(
             f"It explains {percent(share)} of what a learned model takes away on the "
             f"same logs."
         )
+    if share > 1.0 and diagnosis.verdict != "none":
+        words.append("It takes away more than a model that is learned from the logs.")
     files = diagnosis.part("files")
     held = texts_of(files.get("held_out"))
     if held:
@@ -95,7 +101,17 @@ def _words(diagnosis: Diagnosis) -> str:
     return " ".join(words)
 
 
-def _note(floor: float, ceiling: float) -> str:
+def _losers(rows: Sequence[Horizon]) -> str:
+    """Joints that the extended model predicts worse over the longest horizon."""
+    longest = max(row.seconds for row in rows) if rows else math.nan
+    worse = [
+        row.joint for row in rows
+        if row.joint != "all" and row.seconds == longest and row.high < 0.0
+    ]  # fmt: skip
+    return f" It predicts {', '.join(worse)} worse than before." if worse else ""
+
+
+def _note(floor: float, ceiling: float, nominal: float) -> str:
     words = (
         "Replay of the recorded commands, started anew at every horizon; error is the "
         "rms over joints and time. Gain is 1 - after / before. "
@@ -105,8 +121,10 @@ def _note(floor: float, ceiling: float) -> str:
     if math.isfinite(ceiling):
         words += (
             f"Learned model (GAT forward model, trained on the fit logs): "
-            f"{degrees(ceiling)} on the whole log. "
+            f"{degrees(ceiling)} on the whole log"
         )
+        worse = ceiling > nominal
+        words += ", worse than the nominal model. " if worse else ". "
     return f"<p class=note>{escape(words)}</p>"
 
 

@@ -135,7 +135,7 @@ def next_experiment(diagnosis: Diagnosis) -> str:
     if math.isfinite(apart):
         body += (
             f"<p class=note>Expected separation: {significant(apart)} noise units (3 "
-            f"are enough to decide).</p>"
+            f"would decide).</p>"
         )
     command = str(advice.get("command", ""))
     if command:
