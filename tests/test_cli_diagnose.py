@@ -240,6 +240,10 @@ def test_the_gain_is_said_only_where_it_was_measured():
     )
     told |= {"learned_ceiling": 0.01}
     assert "reaches 0.573 deg; noise is 0.0573 deg" in gain_lines(told, True)[1]
+    told = gain | {"without_calibration": 0.0125}
+    assert (
+        gain_lines(told, True)[1].split() == "0.716 deg without its calibration".split()
+    )
     worse = gain | {"after": 0.021, "promoted": False}
     assert (
         "5% more" in gain_lines(worse, True)[0]

@@ -116,7 +116,7 @@ def test_a_joint_with_backlash_keeps_its_servo(tmp_path: Path) -> None:
         )
     write_model(tmp_path / "extended.xml", world)
     told = lacking(world)
-    assert told == ["backlash at lift: width 0.02"]
+    assert told == ["backlash at lift: width 0.02 rad"]
 
 
 def test_a_late_command_is_a_delay_of_the_c_engine(tmp_path: Path) -> None:
@@ -137,14 +137,20 @@ def test_a_late_command_is_a_delay_of_the_c_engine(tmp_path: Path) -> None:
         "has cause command_delay at", "has calibration command_de",
         "lacks dead_band at turn: h", "delays are of MuJoCo C, in",
     ]  # fmt: skip
-    assert lacking(world) == ["dead_band at turn: half_width 0.01"]
+    assert lacking(world) == ["dead_band at turn: half_width 0.01 rad"]
+    for values in ({"offset": 0.02}, {"offset": 0.01, "in_loop": 1.0}):
+        world = add_cause(world, "encoder_offset", ["turn"], values)
+    assert lacking(world)[1:] == [
+        "encoder_offset at turn: offset 0.02 rad",
+        "encoder_offset at turn: offset 0.01 rad; the servo sees it too",
+    ]
 
 
 def test_a_delay_below_half_a_physics_step_is_not_in_the_model(tmp_path: Path) -> None:
     """The file's step is 2 ms; two short delays of one joint count together."""
     world = add_cause(arm(tmp_path), "command_delay", ["lift"], 0.0008, "calibration")
     assert written(tmp_path, world).actuator_delay.max() == 0.0
-    assert lacking(world) == ["command_delay at lift: delay 0.0008"]
+    assert lacking(world) == ["command_delay at lift: delay 0.0008 s"]
     assert "has" not in (tmp_path / "found" / "extended.xml").read_text()
     more = add_cause(world, "command_delay", ["all"], 0.0006)
     write_model(tmp_path / "more.xml", more)

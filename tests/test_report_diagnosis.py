@@ -211,6 +211,8 @@ def described(verdict, columns, names):
                 ("coulomb_friction", "torque", 0.11, "N*m"),
                 ("command_delay", "delay", 0.003, "s"),
                 ("backlash", "width", 0.005, "rad"),
+                ("gain_error", "scale", 0.93, "1"),
+                ("torque_limit", "limit", 8.97, "N*m"),
             )
         ],
         "not_expressible": ["command_delay: MJCF has no delay that MJX obeys"],
@@ -373,6 +375,19 @@ def test_joints_that_got_worse_are_told(tmp_path):
             worse | {"horizon_s": 0.5, "joint": "knee"}]  # fmt: skip
     page = edited(tmp_path, gain={"before": 0.02, "after": 0.015, "horizons": rows})
     assert "It predicts elbow worse than before." in Text(page).all
+
+
+def test_sizes_that_show_are_told_in_their_direction(pages):
+    text = Text(pages["named"]).all
+    assert "7.0 % off" in text and "below 8.97 N m" in text and "3 ms" in text
+
+
+def test_the_share_of_calibration_is_told(tmp_path):
+    words = "with the named causes alone, the error is 1.15°."
+    gain = {"before": 0.03, "after": 0.015}
+    assert words not in Text(edited(tmp_path, gain=gain)).all
+    told = gain | {"without_calibration": 0.02}
+    assert words in Text(edited(tmp_path, gain=told)).all
 
 
 def test_runner_up_is_told_why_it_lost(pages):

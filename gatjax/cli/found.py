@@ -51,6 +51,9 @@ def gain_lines(gain: Mapping[str, Any] | None, held: bool) -> list[str]:
         f"{abs(share):.0%} {'less' if share >= 0.0 else 'more'} "
         f"(95 % interval of the gain: {gain['low']:.0%} to {gain['high']:.0%})"
     ]
+    alone = gain.get("without_calibration")
+    if alone is not None:
+        lines.append(f"           {_degrees(alone)} deg without its calibration")
     learned = gain.get("learned_ceiling")
     if learned is not None:
         floor = _degrees(gain["noise_floor"])

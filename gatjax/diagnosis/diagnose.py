@@ -155,11 +155,13 @@ def diagnose(
     if data.floating:  # what it logged upright
         data = data._replace(logs=verdict.judge.case.runs)
         (pairs["nominal"],) = _predicted(data, [made["nominal"]])
-    made["extended"], pairs["extended"] = _extended(verdict, data, made["nominal"])
+    made["extended"], pairs["extended"], alone = _extended(
+        verdict, data, made["nominal"]
+    )
     if data.unseen and not data.floating:
         verdict = _borne_out(verdict, data, made, pairs)
     verdict = doubted(verdict)
-    text = _told(data, verdict, made, pairs, out, tell)
+    text = _told(data, verdict, made, pairs, alone, out, tell)
     write_signals(
         out / "signals.parquet", data.joints, data.logs, data.unseen, pairs, verdict
     )
@@ -200,14 +202,14 @@ def _borne_out(
 
 def _told(
     data: Given, verdict: Verdict, made: dict[str, World],
-    pairs: dict[str, Predicted], out: Path, tell: Tell,
+    pairs: dict[str, Predicted], alone: Predicted | None, out: Path, tell: Tell,
 ) -> dict[str, Any]:  # fmt: skip
     """What diagnosis.json says; the folder holds learned/ then, and no old verdict."""
     tell("measure", 0.0)
     case, seed = verdict.judge.case, data.seed
     gain = None
     if data.unseen:
-        gain = gained(made, pairs, data.logs, data.unseen, case, seed)
+        gain = gained(made, pairs, alone, data.logs, data.unseen, case, seed)
     tell("measure", 0.4)
     advice = experiment.propose(
         verdict, data.start, data.period, seed, out / "world.json"
@@ -255,8 +257,12 @@ def _made_by(start: Start, seed: int, allowed: Tolerances) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _extended(verdict: Verdict, data: Given, start: World) -> tuple[World, Predicted]:
+def _extended(
+    verdict: Verdict, data: Given, start: World
+) -> tuple[World, Predicted, Predicted | None]:
     """The extended world, made of the one at the start, and its predictions.
+
+    The third are the predictions of its causes alone, where it has a calibration too.
 
     The calibration is in it if that predicts the fit logs better. Worlds with it and
     with neutral numbers in its place are of one structure: one batch plays both.
@@ -273,8 +279,8 @@ def _extended(verdict: Verdict, data: Given, start: World) -> tuple[World, Predi
     size = [error.squared.sum() for error in errors.values()]
     best = min(range(len(tried)), key=lambda k: (lost[k], size[k]))
     if best == 0 and rows:
-        return extend.extended(verdict, start, []), told[0]
-    return tried[best], told[best]
+        return extend.extended(verdict, start, []), told[0], None
+    return tried[best], told[best], told[0] if best and verdict.causes else None
 
 
 def _predicted(data: Given, worlds: Sequence[World]) -> list[Predicted]:

@@ -28,14 +28,16 @@ class Predicted(NamedTuple):
 
 
 def gained(
-    worlds: dict[str, World], pairs: dict[str, Predicted], logs: list[JointRun],
-    unseen: list[JointRun], case: Case, seed: int,
+    worlds: dict[str, World], pairs: dict[str, Predicted], alone: Predicted | None,
+    logs: list[JointRun], unseen: list[JointRun], case: Case, seed: int,
 ) -> dict[str, Any] | None:  # fmt: skip
     """Errors on the held-out runs, before and after, at all horizons.
 
     Args:
         worlds: nominal and extended.
         pairs: their predictions of whole logs.
+        alone: predictions of the extended world without its calibration, if that is
+            another one.
         logs: that were explained; the learned model is trained on them.
         unseen: held-out.
         case: of the diagnosis, for the noise.
@@ -62,10 +64,17 @@ def gained(
         horizons += _ahead(worlds, unseen, forward, names, seed)
     first = horizons[0]
     learnable = first["before"] - first["learned"]
+    without = None
+    if alone is not None:
+        series = {"before": pairs["nominal"], "alone": alone}
+        played = {name: each.angles()[1] for name, each in series.items()}
+        error = measure.log_errors(unseen, played)["alone"]
+        without = float(np.sqrt(error.squared.mean()))
     return {
         "metric": "position rmse", "unit": "rad", **{
             key: first[key] for key in ("before", "after", "low", "high")
         },
+        "without_calibration": without,
         "noise_floor": float(np.sqrt(np.mean([j.noise**2 for j in case.joints]))),
         "learned_ceiling": first["learned"],
         "learned_share": (first["before"] - first["after"]) / learnable

@@ -176,5 +176,11 @@ def _move(geom: mujoco.MjsGeom, changed: mujoco.MjModel) -> None:
 
 def _told(row: dict[str, Any]) -> str:
     """A cause of a world in words."""
-    values = ", ".join(f"{name} {value:.3g}" for name, value in row["values"].items())
-    return f"{row['cause']} at {', '.join(row['where'])}: {values}"
+    units = {each.name: each.unit for each in CATALOGUE[row["cause"]].parameters}
+    values = ", ".join(
+        f"{name} {value:.3g}{'' if units[name] == '1' else ' ' + units[name]}"
+        for name, value in row["values"].items()
+        if name != "in_loop"
+    )
+    seen = "; the servo sees it too" if row["values"].get("in_loop") else ""
+    return f"{row['cause']} at {', '.join(row['where'])}: {values}{seen}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,7 @@ def write_signals(
     """
     runs = [*logs, *unseen]
     nominal, extended = (
-        sum(pairs[name].angles(), []) for name in ("nominal", "extended")
+        [*chain(*pairs[name].angles())] for name in ("nominal", "extended")
     )
     columns: dict[str, np.ndarray] = {
         "time": np.concatenate([run.time for run in runs]),

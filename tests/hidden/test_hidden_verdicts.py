@@ -80,5 +80,8 @@ def test_what_it_writes_is_whole_and_the_extension_predicts_better(answered):
         share = 1.0 - gain["after"] / gain["before"]
         assert share > 0.5 * truth["oracle"]["gain"]
         assert gain["noise_floor"] < gain["after"]
+        if (alone := gain["without_calibration"]) is not None:
+            assert alone < gain["before"]
     else:
+        assert told["causes"] or gain["without_calibration"] is None
         assert gain["after"] < 1.5 * gain["before"]

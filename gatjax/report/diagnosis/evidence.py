@@ -78,7 +78,9 @@ def cards(diagnosis: Diagnosis) -> list[str]:
     share = number_in(rest, "share")
     if math.isfinite(share):
         found = "significant" if rest.get("significant") else "not significant"
-        boxes.append(_card("other", "left unexplained", percent(share), found))
+        boxes.append(
+            _card("other", "left unexplained in fit logs", percent(share), found)
+        )
     return boxes
 
 

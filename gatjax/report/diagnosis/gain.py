@@ -86,6 +86,12 @@ def _words(diagnosis: Diagnosis) -> str:
             else "The extended model is not promoted: the interval of its gain "
             "reaches down to zero or below, so keep the nominal model."
         )
+    alone = number_in(gain, "without_calibration")
+    if math.isfinite(alone):
+        words.append(
+            f"Without its calibration, with the named causes alone, the error is "
+            f"{degrees(alone)}."
+        )
     share = number_in(gain, "learned_share")
     if 0.0 < share <= 1.0 and diagnosis.verdict != "none":
         words.append(

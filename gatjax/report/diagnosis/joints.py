@@ -37,6 +37,13 @@ def _others(diagnosis: Diagnosis, signals: Signals, drawn: list[str]) -> str:
     return section("Residual of the other joints", f"<details>{body}</details>")
 
 
+def _moment(trace: Trace) -> str:
+    """What a close-up shows."""
+    if trace.extended is None:
+        return "The moment at which the nominal model errs most."
+    return "The moment at which the extended model gains most on the nominal one."
+
+
 def _joint(name: str, signals: Signals, trace: Trace) -> str:
     """Every picture of one joint."""
     window = close_up(signals, trace)
@@ -46,7 +53,7 @@ def _joint(name: str, signals: Signals, trace: Trace) -> str:
         picture(
             f"Close-up, {log}",
             figures.overlay(signals, trace, window),
-            "The moment at which the nominal model errs most.",
+            _moment(trace),
         ),
         picture(f"The whole {log}", figures.overlay(signals, trace, whole)),
         picture(
@@ -73,8 +80,8 @@ def _joint(name: str, signals: Signals, trace: Trace) -> str:
         picture(title, svg)
         for title, svg in figures.response_pictures(signals, trace).items()
     ]
-    sent = [] if trace.command is None else [("faint", "command")]
-    colours = [("ink", "measured"), *sent, ("none", "nominal model")]
+    sent = [] if trace.command is None else [("faint", "command (dotted)")]
+    colours = [("measured", "measured"), *sent, ("none", "nominal model")]
     if trace.extended is not None:
         colours.append(("gat", "extended model"))
     note = (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from gatjax.effects.catalogue import CATALOGUE
 from gatjax.report.diagnosis.frame import bar, folded, signed_bar, table
 from gatjax.report.diagnosis.quantities import (
     cause_name,
@@ -18,6 +19,7 @@ from gatjax.report.sections import section
 from gatjax.report.wording import DASH, duration, escape, number, percent, significant
 
 SHOWN = 12  # rows before a table folds
+FAR = 2.0  # tolerances, standard deviations: a number that is off by more is marked
 LEVELS = ("refuse", "warning", "info")
 WORDS = {"refuse": "refused", "warning": "warning", "info": "fact"}
 
@@ -110,13 +112,16 @@ def calibration(diagnosis: Diagnosis) -> str:
         tolerance = size(number_in(row, "tolerance"), unit)
         cells.append(f"&plusmn; {escape(tolerance)}" if tolerance != DASH else DASH)
         change = f"{number(100.0 * share, 0, sign=True)} %"
+        change += "<small>beyond its tolerance</small>" if abs(share) > FAR else ""
         cells.append(change + signed_bar(share, "theta0") if share == share else DASH)
         lines.append(cells)
     head = ("number", "where", "nominal", "fitted", "tolerance", "tolerance used")
     note = (
         "<p class=note>These nominal numbers were fitted, each with its tolerance as "
         "one standard deviation. They are calibration and no findings; a bar at either "
-        "end means that the number is off by its tolerance or more.</p>"
+        "end means that the number is off by its tolerance or more. Numbers that do "
+        "the same to these logs, as damping of servo and joint do, may move against "
+        "each other.</p>"
     )
     return section("Calibration", folded(head, lines, SHOWN) + note)
 
@@ -140,7 +145,7 @@ def next_experiment(diagnosis: Diagnosis) -> str:
     command = str(advice.get("command", ""))
     if command:
         body += (
-            f"<p class=note><code>{escape(command)}</code><br>plays it in the extended "
+            f"<pre>{escape(command)}</pre><p class=note>plays it in the extended "
             f"simulation. The command columns of its file are the targets to play on "
             f"the robot; add the log of that to the data and diagnose again.</p>"
         )
@@ -148,12 +153,15 @@ def next_experiment(diagnosis: Diagnosis) -> str:
 
 
 def smallest_effects(diagnosis: Diagnosis) -> str:
-    """For every cause the least effect that these logs could have shown."""
+    """For every cause the least effect that these logs could have shown.
+
+    A limit shows below its size, and a factor nearly as far above 1 as below.
+    """
     lines = []
     for row in diagnosis.rows("smallest_effects"):
         cause = cause_name(str(row.get("cause", "")))
         parameter = str(row.get("parameter", "")).replace("_", " ")
-        amount = escape(size(number_in(row, "value"), str(row.get("unit", ""))))
+        amount = escape(_least(row))
         if row.get("at_most"):
             amount += "<small>the smallest that is looked for</small>"
         lines.append(
@@ -174,6 +182,16 @@ def smallest_effects(diagnosis: Diagnosis) -> str:
     return section(
         "What these logs could have shown", folded(head, lines, SHOWN) + note
     )
+
+
+def _least(row: dict[str, Any]) -> str:
+    """The smallest size of a cause that shows."""
+    value, unit = number_in(row, "value"), str(row.get("unit", ""))
+    entry = CATALOGUE.get(str(row.get("cause", "")))
+    if entry is not None and entry.neutral == 1.0:
+        return f"{number(100.0 * abs(value - 1.0))} % off"
+    words = size(value, unit)
+    return f"below {words}" if entry and math.isinf(entry.neutral) else words
 
 
 def data_checks(diagnosis: Diagnosis) -> str:
@@ -212,7 +230,8 @@ def made_of(diagnosis: Diagnosis) -> str:
         ("time", duration(number_in(diagnosis.raw, "seconds"))),
     ]
     for name, value in diagnosis.part("made_by").items():
-        rows.append((str(name), str(value)))
+        if value is not None:
+            rows.append((str(name), str(value)))
     lines = [[escape(cell) for cell in row] for row in rows]
     cells = "".join(f"<tr><td>{a}</td><td>{b}</td></tr>" for a, b in lines)
     body = (
