@@ -7,6 +7,7 @@ import resource
 import numpy as np
 import pyarrow as pa
 import pytest
+import yaml
 from pyarrow import parquet
 
 from gatjax.data.recording import (
@@ -216,7 +217,8 @@ def test_degrees_are_refused(column):
     line = refusal(recording)
     assert f"row 8, column '{column}'" in line
     assert "looks like degrees" in line
-    assert line.endswith("use a map with unit: deg")
+    told = line.split("give as --map a file that says ")[1]
+    assert yaml.safe_load(told[1:-1])["columns"]["position.*"] == {"unit": "deg"}
 
 
 def test_one_glitch_is_not_called_degrees():

@@ -35,6 +35,7 @@ LARGEST_ANGLE = 6.4  # rad, just over a full turn: no position servo goes there
 ANGLE = "rad"
 STIFFEST = 20.0  # times the model's kp
 COMMAND_UNITS = (ANGLE, "N m", "V")  # of commands; metadata `command_unit`
+DEGREES_MAP = "columns: {position.*: {unit: deg}, command.*: {unit: deg}}"
 DEGREES_SHARE = 0.05  # of the rows; fewer are glitches, not a unit
 GROUP = 1 << 16  # rows of a Parquet file that are written together
 FOREIGN_METADATA = ("pandas", "ARROW:schema")  # what other writers put in Parquet
@@ -247,7 +248,7 @@ def _check_degrees(recording: Recording) -> None:
             raise ValueError(
                 f"{_cell(recording.name, large[0], column)}: {values[large[0]]:g} rad "
                 f"looks like degrees ({large.size} of {values.size} rows above "
-                f"{LARGEST_ANGLE}), use a map with unit: deg"
+                f"{LARGEST_ANGLE}), give as --map a file that says {DEGREES_MAP!r}"
             )
 
 

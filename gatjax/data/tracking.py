@@ -204,11 +204,12 @@ def _delays(
 def _slope(
     column: str, joint: str, command: np.ndarray, position: np.ndarray, alike: float
 ) -> list[Finding]:
-    """A position that follows in another unit than the command's."""
+    """A position in another unit than the command's."""
     factor = float(np.std(position) / np.std(command))
-    for unit, size in (("degrees", DEGREES), ("radians beside degrees", 1.0 / DEGREES)):
+    for family, size in (("position", DEGREES), ("command", 1.0 / DEGREES)):
         if alike > ALIKE and 0.8 < factor / size < 1.25:
             text = f"{column} moves {factor:.2g} times as far as its command: "
-            text += f"looks like {unit}; use a map with unit: deg for one of them"
+            text += f"its {family} looks like degrees; give as --map a file that says "
+            text += f"'columns: {{{family}.*: {{unit: deg}}}}'"
             return [Finding("refuse", "units", text, {joint: factor})]
     return []

@@ -50,7 +50,7 @@ class Motion(NamedTuple):
     @property
     def use(self) -> str:
         """Say in one line what it is good for."""
-        return f"{self.title}; tells apart {', '.join(self.separates)}"
+        return f"{self.title}; mostly for {', '.join(self.separates)}"
 
     def reach(self, limbs: Limbs, moving: Array) -> float:
         """Return the share of the joint ranges that is safe for a robot.
