@@ -317,3 +317,9 @@ class _StrictLoader(yaml.SafeLoader):
                 line = node.value[index][0].start_mark.line + 1
                 raise yaml.YAMLError(f"key {key!r} is given twice, line {line}")
         return super().construct_mapping(node, deep)
+
+
+def degrees_map(families: Sequence[str]) -> str:
+    """The map of a log whose commands, positions or both are in degrees."""
+    columns = ", ".join(f"{family}.*: {{unit: deg}}" for family in families)
+    return f"columns: {{{columns}}}"

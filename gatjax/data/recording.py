@@ -25,6 +25,7 @@ from gatjax.data.mapping import (
     JOINT_FAMILIES,
     NO_MAP,
     ColumnMap,
+    degrees_map,
     quantity_of,
     resolve,
     to_si,
@@ -35,7 +36,6 @@ LARGEST_ANGLE = 6.4  # rad, just over a full turn: no position servo goes there
 ANGLE = "rad"
 STIFFEST = 20.0  # times the model's kp
 COMMAND_UNITS = (ANGLE, "N m", "V")  # of commands; metadata `command_unit`
-DEGREES_MAP = "columns: {position.*: {unit: deg}, command.*: {unit: deg}}"
 DEGREES_SHARE = 0.05  # of the rows; fewer are glitches, not a unit
 GROUP = 1 << 16  # rows of a Parquet file that are written together
 FOREIGN_METADATA = ("pandas", "ARROW:schema")  # what other writers put in Parquet
@@ -241,15 +241,22 @@ def _check_degrees(recording: Recording) -> None:
     """Refuses joint angles that can only be degrees; motors may turn on and on."""
     if recording.command_unit != ANGLE:
         return
-    for column, values in recording.columns.items():
-        large = np.flatnonzero(np.abs(values) > LARGEST_ANGLE)
-        is_angle = column.startswith(("command.", "position."))
-        if is_angle and large.size > DEGREES_SHARE * values.size:
-            raise ValueError(
-                f"{_cell(recording.name, large[0], column)}: {values[large[0]]:g} rad "
-                f"looks like degrees ({large.size} of {values.size} rows above "
-                f"{LARGEST_ANGLE}), give as --map a file that says {DEGREES_MAP!r}"
-            )
+    large = {
+        column: np.flatnonzero(np.abs(values) > LARGEST_ANGLE)
+        for column, values in recording.columns.items()
+        if column.startswith(("command.", "position."))
+    }
+    share = DEGREES_SHARE * len(recording.trajectory)
+    found = {column: rows for column, rows in large.items() if rows.size > share}
+    if found:
+        column, rows = next(iter(found.items()))
+        families = {each.partition(".")[0] for each in found}
+        raise ValueError(
+            f"{_cell(recording.name, rows[0], column)}: "
+            f"{recording.columns[column][rows[0]]:g} rad looks like degrees "
+            f"({rows.size} of {len(recording.trajectory)} rows above {LARGEST_ANGLE}), "
+            f"give as --map a file that says {degrees_map(sorted(families))!r}"
+        )
 
 
 def _cell(file: str, row: int | np.integer, column: str) -> str:

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from gatjax.data.finding import DEGREES, Finding, Ranges, angle, cell
-from gatjax.data.mapping import UNITS
-from gatjax.data.recording import ANGLE, DEGREES_MAP, Recording
+from gatjax.data.mapping import UNITS, degrees_map
+from gatjax.data.recording import ANGLE, Recording
 from gatjax.data.trajectories import GAP, RATE_TOLERANCE, JointRun, soon_after
 
 SLOWEST, FASTEST = 1.0, 1e-4  # s, no log of a servo has periods outside of these
@@ -187,8 +187,8 @@ def check_units(recording: Recording, ranges: Ranges) -> list[Finding]:
             text = (
                 f"{cell(recording, out[0], column)}: {values[out[0]]:.3g} rad with "
                 f"joint limits {low:.3g} and {high:.3g} rad looks like degrees: give "
-                f"as --map a file that says {DEGREES_MAP!r}; else mend the limits of "
-                f"the model, or the sign or offset in the map"
+                f"as --map a file that says {degrees_map([family])!r}; else mend the "
+                f"limits of the model, or the sign or offset in the map"
             )
             largest = float(np.max(np.abs(values)))
             found.append(Finding("refuse", "units", text, {joint: largest}))

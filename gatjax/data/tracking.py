@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gatjax.data.finding import DEGREES, Finding, Level, angle
+from gatjax.data.mapping import degrees_map
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import JointRun
 
@@ -210,6 +211,6 @@ def _slope(
         if alike > ALIKE and 0.8 < factor / size < 1.25:
             text = f"{column} moves {factor:.2g} times as far as its command: "
             text += f"its {family} looks like degrees; give as --map a file that says "
-            text += f"'columns: {{{family}.*: {{unit: deg}}}}'"
+            text += repr(degrees_map([family]))
             return [Finding("refuse", "units", text, {joint: factor})]
     return []
