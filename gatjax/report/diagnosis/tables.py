@@ -19,6 +19,7 @@ from gatjax.report.sections import section
 from gatjax.report.wording import DASH, duration, escape, number, percent, significant
 
 SHOWN = 12  # rows before a table folds
+MOST = 3.0  # tolerances that fill a bar
 FAR = 2.0  # tolerances, standard deviations: a number that is off by more is marked
 LEVELS = ("refuse", "warning", "info")
 WORDS = {"refuse": "refused", "warning": "warning", "info": "fact"}
@@ -113,13 +114,15 @@ def calibration(diagnosis: Diagnosis) -> str:
         cells.append(f"&plusmn; {escape(tolerance)}" if tolerance != DASH else DASH)
         change = f"{number(100.0 * share, 0, sign=True)} %"
         change += "<small>beyond its tolerance</small>" if abs(share) > FAR else ""
-        cells.append(change + signed_bar(share, "theta0") if share == share else DASH)
+        cells.append(
+            change + signed_bar(share / MOST, "theta0") if share == share else DASH
+        )
         lines.append(cells)
     head = ("number", "where", "nominal", "fitted", "tolerance", "tolerance used")
     note = (
         "<p class=note>These nominal numbers were fitted, each with its tolerance as "
         "one standard deviation. They are calibration and no findings; a bar at either "
-        "end means that the number is off by its tolerance or more. Numbers that do "
+        "end means that the number is off by three tolerances or more. Numbers that do "
         "the same to these logs, as damping of servo and joint do, may move against "
         "each other.</p>"
     )
