@@ -33,7 +33,7 @@ test: .venv/installed-dev
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports --no-logo
 	$(BIN)/pyright
-	$(BIN)/pytest -n 2 $(ARGS)
+	$(BIN)/pytest -n 2 --dist worksteal $(ARGS)
 
 bench: .venv/installed-dev
 	$(BIN)/pytest benchmarks --override-ini=addopts= --benchmark-only $(ARGS)

@@ -217,7 +217,7 @@ def test_degrees_are_refused(column):
     line = refusal(recording)
     assert f"row 8, column '{column}'" in line
     assert "looks like degrees" in line
-    told = line.split("give as --map a file that says ")[1]
+    told = line.split("say so in a --map file: ")[1]
     assert yaml.safe_load(told[1:-1])["columns"] == {
         column.replace("LKneePitch", "*"): {"unit": "deg"}
     }

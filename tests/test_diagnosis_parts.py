@@ -244,6 +244,9 @@ def test_losses_that_change_nothing_do_not_count():
     found = drops.statistics([lost], [command])
     assert found["probability"] == pytest.approx(0.3, abs=0.04)
     assert found["burst"] == pytest.approx(1.0 / 0.7, abs=0.15)
+    square = np.where(np.arange(2000) % 20 < 10, 0.5, 0.0)
+    even = drops.statistics([rng.uniform(size=2000) < 0.3], [square])
+    assert even["probability"] == pytest.approx(0.3, abs=0.08)  # all changes are equal
 
 
 class Asked(Case):

@@ -36,5 +36,7 @@ def test_a_file_that_makes_no_sense_is_refused_in_one_line(tmp_path, told, word)
 
 
 def test_a_file_that_is_not_there_is_said_in_one_line(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"no.json does not exist; docs/files"):
+    with pytest.raises(
+        FileNotFoundError, match=r"no.json does not exist; docs/diagnosis"
+    ):
         read_tolerances(tmp_path / "no.json")

@@ -209,6 +209,9 @@ def test_a_motion_says_whether_it_would_decide(probability, separation, said):
     text = experiment._why(found, "jumps", ["gain_error", "backlash"], separation)
     assert text.startswith("Jumps: the predictions of gain error and backlash differ")
     assert text.endswith(said)
+    alike = causes[0]._replace(equivalent=["payload"])
+    text = experiment._why(found._replace(causes=[alike]), "jumps", ["a", "b"], 9.0)
+    assert text.endswith("the most of all safe motions.")
 
 
 def test_the_next_experiment_is_about_the_least_sure_cause():

@@ -144,7 +144,7 @@ def described(verdict, columns, names):
     before, after = rms(names[0], "nominal", ~fit), rms(names[0], "extended", ~fit)
     horizons = [
         {"horizon_s": ahead, "joint": joint, "before": scale * b, "after": scale * a,
-         "low": 1 - 1.15 * a / b, "high": 1 - 0.85 * a / b}
+         "low": 1 - 1.15 * a / b, "high": 1 - 0.85 * a / b, "learned": 0.4 * scale * b}
         for ahead, scale in ((0.01, 0.1), (0.1, 0.6), (0.5, 0.9), (None, 1.0))
         for joint, b, a in [("all", before, after)] + [
             (name, rms(name, "nominal", ~fit), rms(name, "extended", ~fit))
@@ -379,7 +379,7 @@ def test_joints_that_got_worse_are_told(tmp_path):
 
 def test_sizes_that_show_are_told_in_their_direction(pages):
     text = Text(pages["named"]).all
-    assert "7.0 % off" in text and "below 8.97 N m" in text and "3 ms" in text
+    assert "below 0.93" in text and "below 8.97 N m" in text and "3 ms" in text
 
 
 def test_the_share_of_calibration_is_told(tmp_path):
@@ -434,8 +434,35 @@ def test_page_has_inertial_unit_and_feet_of_a_standing_robot(tmp_path):
 
 
 def test_page_tells_every_joint_at_every_horizon_beside_the_learned_model(pages):
-    text = Text(pages["named"]).all
-    assert "learned model gain 95 % interval" in " ".join(text.split())
+    page = pages["named"].split("What it is worth")[1].split("</section>")[0]
+    rows = [
+        re.findall(r"<td[^>]*>(.*?)</td>", row)
+        for row in re.findall(r"<tr>(.*?)</tr>", page)
+    ]
+    told = [(ahead, joint) for ahead, joint, *_ in filter(None, rows)]
+    horizons = ("0.01 s", "0.1 s", "0.5 s", "whole log")
+    assert told[:4] == [(ahead, "all") for ahead in horizons]
+    assert set(told[4:]) == {(ahead, "servo") for ahead in horizons}
+    for _, _, before, _, learned, *_ in filter(None, rows):
+        share = float(learned.rstrip("°")) / float(before.rstrip("°"))
+        assert share == pytest.approx(0.4, rel=0.01)
+
+
+def test_a_learned_model_that_is_worse_measures_nothing(tmp_path):
+    row = {"horizon_s": None, "joint": "all", "before": 0.02, "after": 0.01,
+           "low": 0.4, "high": 0.6}  # fmt: skip
+    for learned, useful in ((0.015, True), (0.03, False)):
+        rows = [row | {"learned": learned}]
+        gain = {
+            "before": 0.02,
+            "after": 0.01,
+            "horizons": rows,
+            "learned_ceiling": learned,
+        }
+        page = edited(tmp_path, gain=gain).split("What it is worth")[1]
+        legend = page.split('class="legend"')[1].split("</div>")[0]
+        assert ("learned model" in legend) is useful
+        assert ("worse than the nominal model" in page) is not useful
 
 
 def test_page_has_the_command_of_the_next_motion(tmp_path):

@@ -255,7 +255,7 @@ def _check_degrees(recording: Recording) -> None:
             f"{_cell(recording.name, rows[0], column)}: "
             f"{recording.columns[column][rows[0]]:g} rad looks like degrees "
             f"({rows.size} of {len(recording.trajectory)} rows above {LARGEST_ANGLE}), "
-            f"give as --map a file that says {degrees_map(sorted(families))!r}"
+            f"say so in a --map file: {degrees_map(sorted(families))!r}"
         )
 
 

@@ -186,9 +186,9 @@ def check_units(recording: Recording, ranges: Ranges) -> list[Finding]:
         if out.size > OUTSIDE * values.size and fits:
             text = (
                 f"{cell(recording, out[0], column)}: {values[out[0]]:.3g} rad with "
-                f"joint limits {low:.3g} and {high:.3g} rad looks like degrees: give "
-                f"as --map a file that says {degrees_map([family])!r}; else mend the "
-                f"limits of the model, or the sign or offset in the map"
+                f"joint limits {low:.3g} and {high:.3g} rad looks like degrees: say "
+                f"so in a --map file: {degrees_map([family])!r}; else mend the limits "
+                f"of the model, or the sign or offset in the map"
             )
             largest = float(np.max(np.abs(values)))
             found.append(Finding("refuse", "units", text, {joint: largest}))

@@ -210,7 +210,7 @@ def _slope(
     for family, size in (("position", DEGREES), ("command", 1.0 / DEGREES)):
         if alike > ALIKE and 0.8 < factor / size < 1.25:
             text = f"{column} moves {factor:.2g} times as far as its command: "
-            text += f"its {family} looks like degrees; give as --map a file that says "
+            text += f"its {family} looks like degrees; say so in a --map file: "
             text += repr(degrees_map([family]))
             return [Finding("refuse", "units", text, {joint: factor})]
     return []

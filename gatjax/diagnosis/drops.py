@@ -56,7 +56,7 @@ def statistics(
     changes = [np.abs(np.diff(command)) for command in commands]
     moving = np.concatenate([change[change > 1e-6] for change in changes])
     least = np.quantile(moving, TOLD) if len(moving) else np.inf
-    told = [change > least for change in changes]
+    told = [change >= least for change in changes]
     hit = sum(int(mask[1:][t].sum()) for mask, t in zip(lost, told, strict=True))
     count = sum(int(mask.sum()) for mask in lost)
     bursts = sum(int(np.sum(np.diff(mask.astype(int)) > 0)) for mask in lost)

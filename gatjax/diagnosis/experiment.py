@@ -117,7 +117,7 @@ def _why(verdict: Verdict, motion: str, pair: list[str], separation: float) -> s
     )
     if separation < ENOUGH:
         return f"{words} That is hardly enough to decide."
-    sure = verdict.verdict == "named"
+    sure = verdict.verdict == "named" and not any(c.equivalent for c in verdict.causes)
     if sure and min(cause.probability for cause in verdict.causes) > DECIDED:
         return f"{words} The logs have decided that already; it would confirm it."
     return words

@@ -66,16 +66,16 @@ def gained(
     learnable = first["before"] - first["learned"]
     without = None
     if alone is not None:
-        series = {"before": pairs["nominal"], "alone": alone}
-        played = {name: each.angles()[1] for name, each in series.items()}
+        played = {"alone": alone.angles()[1], "after": pairs["extended"].angles()[1]}
         error = measure.log_errors(unseen, played)["alone"]
-        without = float(np.sqrt(error.squared.mean()))
+        if len(error.block) >= len(whole["after"].block):  # it stands as long
+            without = float(np.sqrt(error.squared.mean()))
     return {
         "metric": "position rmse", "unit": "rad", **{
             key: first[key] for key in ("before", "after", "low", "high")
         },
         "without_calibration": without,
-        "noise_floor": float(np.sqrt(np.mean([j.noise**2 for j in case.joints]))),
+        "noise_floor": _reading(case),
         "learned_ceiling": first["learned"],
         "learned_share": (first["before"] - first["after"]) / learnable
         if learnable > 0.0 else None,
@@ -83,6 +83,12 @@ def gained(
         "promoted": bool(first["low"] > 0.0),
         "horizons": horizons,
     }  # fmt: skip
+
+
+def _reading(case: Case) -> float:
+    """Noise of the readings of all joints, rad; how close is close enough left out."""
+    power = [joint.noise**2 - joint.allowed.angle**2 for joint in case.joints]
+    return float(np.sqrt(np.mean(power)))
 
 
 def half_second(

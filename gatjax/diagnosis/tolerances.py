@@ -47,7 +47,7 @@ def read_tolerances(path: Path) -> Tolerances:
     """
     if not path.is_file():
         raise FileNotFoundError(
-            f"--tolerances {path} does not exist; docs/files.md shows such a file"
+            f"--tolerances {path} does not exist; docs/diagnosis.md, 3, shows one"
         )
     told = read_json(path)
     if told.pop("schema", SCHEMA) != SCHEMA:

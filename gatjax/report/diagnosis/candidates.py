@@ -7,7 +7,7 @@ from itertools import groupby
 
 from gatjax.report.diagnosis.frame import bar
 from gatjax.report.diagnosis.quantities import degrees, portion, size, title
-from gatjax.report.diagnosis.read import Cause, Diagnosis
+from gatjax.report.diagnosis.read import Cause, Diagnosis, texts_of
 from gatjax.report.sections import section
 from gatjax.report.wording import DASH, escape, number
 
@@ -48,7 +48,9 @@ def _group(group: list[Cause], diagnosis: Diagnosis) -> str:
     words = "Weighed besides, not named" if causes else "Weighed, not named"
     if named is not None:
         words = f"Cause {first.step}"
-    left = bool(diagnosis.part("unexplained").get("significant"))
+    rest = diagnosis.part("unexplained")
+    where = texts_of(rest.get("where")) if rest.get("significant") else []
+    left = not set(where).isdisjoint(first.where)
     rows = "".join(
         _row(each, reason(each, first, named, left), each is first)
         for each in group[:SHOWN]
@@ -79,7 +81,7 @@ def reason(each: Cause, first: Cause, named: Cause | None, left: bool) -> str:
         each: in question.
         first: what was named in its step, or fits best there.
         named: the cause that was named in its step, if one was.
-        left: whether something is unexplained in the end.
+        left: whether something at the joints of `first` is unexplained in the end.
     """
     if named is None:
         if not (each is first and left):
@@ -88,7 +90,7 @@ def reason(each: Cause, first: Cause, named: Cause | None, left: bool) -> str:
             return "fits best, but is no cause of the catalogue"
         return "fits best, but leaves too much to be the explanation"
     if each is first:
-        return "named" if each.probability >= SURE else "fits best, with a doubt"
+        return "named" if each.probability >= SURE else "likely, with a doubt"
     if each.name in named.equivalent:
         return f"cannot be told apart from {title(named)} in these logs"
     lost = first.evidence - each.evidence

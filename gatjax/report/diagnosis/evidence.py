@@ -25,6 +25,9 @@ def head(diagnosis: Diagnosis) -> str:
     robot = str(diagnosis.raw.get("robot") or "unknown robot")
     kind, words = BADGES.get(diagnosis.verdict, ("", "no verdict"))
     refuted = any(row.get("borne_out") is False for row in diagnosis.rows("causes"))
+    left = bool(diagnosis.part("unexplained").get("significant"))
+    if diagnosis.verdict == "ambiguous" and left:
+        words = "something is left that no cause explains"
     if diagnosis.verdict == "ambiguous" and refuted:
         words = "does not predict the held-out logs as the right cause would"
     first, _, rest = sentence(diagnosis).partition("; ")

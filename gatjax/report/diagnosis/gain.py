@@ -73,7 +73,7 @@ def _words(diagnosis: Diagnosis) -> str:
     """Whether the extension is promoted, and what share of it was learnable."""
     gain = diagnosis.part("gain")
     words = []
-    if diagnosis.verdict == "none":
+    if not diagnosis.causes:
         words.append(
             "No cause was named. What the extended model gains comes from nominal "
             "numbers that were fitted again within their tolerances."
@@ -89,8 +89,8 @@ def _words(diagnosis: Diagnosis) -> str:
     alone = number_in(gain, "without_calibration")
     if math.isfinite(alone):
         words.append(
-            f"Without its calibration, with the named causes alone, the error is "
-            f"{degrees(alone)}."
+            f"Without the numbers fitted here, with the named causes alone, the error "
+            f"is {degrees(alone)}."
         )
     share = number_in(gain, "learned_share")
     if 0.0 < share <= 1.0 and diagnosis.verdict != "none":

@@ -49,7 +49,8 @@ def response(signals: Signals, command: np.ndarray, angle: np.ndarray) -> Respon
                 np.fft.rfft(window * (v - v.mean()))
                 for v in (sent[begin : begin + length], seen[begin : begin + length])
             )
-            sums += [x * x.conj(), y * y.conj(), y * x.conj()]
+            if np.isfinite(y).all():  # no robot fell
+                sums += [x * x.conj(), y * y.conj(), y * x.conj()]
     frequency = np.fft.rfftfreq(length, period)
     sums = _banded(np.concatenate([sums, frequency * sums[:1]]), frequency)
     power, answer = sums[0].real, sums[1].real

@@ -19,6 +19,7 @@ from gatjax.report.sections import section
 from gatjax.report.wording import DASH, duration, escape, number, percent, significant
 
 SHOWN = 12  # rows before a table folds
+ABSOLUTE = ("encoder zero", "transport of commands")  # the others are factors
 MOST = 3.0  # tolerances that fill a bar
 FAR = 2.0  # tolerances, standard deviations: a number that is off by more is marked
 LEVELS = ("refuse", "warning", "info")
@@ -69,8 +70,8 @@ def _fallback(offer: dict[str, Any]) -> str:
     if not offer:
         return ""
     words = (
-        "A learned correction of the commands (GAT) predicts rows that it has not seen "
-        "no better."
+        "A learned correction of the commands (GAT) is not proven to predict rows that "
+        "it has not seen better."
     )
     if offer.get("world"):
         words = (
@@ -95,9 +96,13 @@ def calibration(diagnosis: Diagnosis) -> str:
         return ""
 
     def used(row: dict[str, Any]) -> float:
-        change = number_in(row, "fitted") - number_in(row, "nominal")
+        before, after = number_in(row, "nominal"), number_in(row, "fitted")
         tolerance = number_in(row, "tolerance")
-        return change / tolerance if tolerance > 0.0 else math.nan
+        if not tolerance > 0.0:
+            return math.nan
+        if row.get("parameter") in ABSOLUTE or min(before, after) <= 0.0:
+            return (after - before) / tolerance
+        return math.log(after / before) * before / tolerance
 
     def weight(row: dict[str, Any]) -> float:
         return abs(used(row)) if math.isfinite(used(row)) else 0.0
@@ -156,10 +161,7 @@ def next_experiment(diagnosis: Diagnosis) -> str:
 
 
 def smallest_effects(diagnosis: Diagnosis) -> str:
-    """For every cause the least effect that these logs could have shown.
-
-    A limit shows below its size, and a factor nearly as far above 1 as below.
-    """
+    """For every cause the least effect that these logs could have shown."""
     lines = []
     for row in diagnosis.rows("smallest_effects"):
         cause = cause_name(str(row.get("cause", "")))
@@ -178,7 +180,7 @@ def smallest_effects(diagnosis: Diagnosis) -> str:
         return ""
     head = ("cause", "smallest that shows", "where it shows best")
     note = (
-        "<p class=note>Effects below these sizes, and causes that are neither named "
+        "<p class=note>Weaker effects than these, and causes that are neither named "
         "nor listed, may be there without being seen: the verdict does not speak of "
         "them.</p>"
     )
@@ -191,9 +193,9 @@ def _least(row: dict[str, Any]) -> str:
     """The smallest size of a cause that shows."""
     value, unit = number_in(row, "value"), str(row.get("unit", ""))
     entry = CATALOGUE.get(str(row.get("cause", "")))
-    if entry is not None and entry.neutral == 1.0:
-        return f"{number(100.0 * abs(value - 1.0))} % off"
     words = size(value, unit)
+    if entry is not None and entry.neutral == 1.0:
+        return f"{'below' if value < 1.0 else 'above'} {words}"
     return f"below {words}" if entry and math.isinf(entry.neutral) else words
 
 
@@ -244,7 +246,7 @@ def made_of(diagnosis: Diagnosis) -> str:
     if lost:
         items = "".join(f"<li>{escape(each)}</li>" for each in lost)
         body += (
-            f"<h3>In world.json but not in extended.xml, plain MJCF has no term for it"
+            f"<h3>In world.json but not in extended.xml, which cannot say it"
             f"</h3><ul>{items}</ul>"
         )
     return section("Files and how this was made", body)
