@@ -351,7 +351,7 @@ def test_numbers_are_those_of_the_file(tmp_path):
         "leaves ",
         "encoder on the link",
         "0.62 kg",
-        "+100 %",
+        "+95 %",
         "slow_reversals: it separates coulomb friction from stiction",
         "8.31 noise units",
         "0.286° (0.005 rad)",
