@@ -47,14 +47,12 @@ def gained(
         `gain` of diagnosis.json; None if a standing robot fell at once.
     """
     forward, names = measure.learn(logs, seed), [joint.name for joint in case.joints]
-    whole = measure.log_errors(
-        unseen,
-        {
-            "before": pairs["nominal"].angles()[1],
-            "after": pairs["extended"].angles()[1],
-            "learned": measure.learned_log(forward, unseen),
-        },
-    )  # fmt: skip
+    series = {
+        "before": pairs["nominal"].angles()[1],
+        "after": pairs["extended"].angles()[1],
+        "learned": measure.learned_log(forward, unseen),
+    }
+    whole = measure.log_errors(unseen, series)
     rows = sum(len(run.time) for run in unseen)
     compared = len(whole["before"].block) / rows
     if compared == 0.0:
@@ -66,9 +64,9 @@ def gained(
     learnable = first["before"] - first["learned"]
     without = None
     if alone is not None:
-        played = {"alone": alone.angles()[1], "after": pairs["extended"].angles()[1]}
-        error = measure.log_errors(unseen, played)["alone"]
-        if len(error.block) >= len(whole["after"].block):  # it stands as long
+        series["alone"] = alone.angles()[1]
+        error = measure.log_errors(unseen, series)["alone"]
+        if len(error.block) == len(whole["after"].block):  # it stands as long
             without = float(np.sqrt(error.squared.mean()))
     return {
         "metric": "position rmse", "unit": "rad", **{

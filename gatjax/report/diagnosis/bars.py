@@ -70,7 +70,7 @@ def error_picture(rows: Sequence[Horizon], floor: float) -> str:
         if math.isfinite(floor):
             axes.axhline(math.degrees(floor), color=INK, **dashes)
         for place, row in enumerate(rows):
-            if row.learned <= row.before:
+            if row.learnable:
                 height = math.degrees(row.learned)
                 ends = place - 0.4, place + 0.4
                 axes.plot(ends, [height] * 2, color=CEILING, **dashes)

@@ -46,8 +46,8 @@ def gain_section(diagnosis: Diagnosis) -> str:
     body = f"<p>{escape(_words(diagnosis) + _losers(rows))}</p>"
     colours = [("none", "nominal model"), ("gat", "extended model")]
     colours += [("ink", "noise floor")] if math.isfinite(floor) else []
-    useful = any(row.learned <= row.before for row in every)
-    colours += [("guided", "learned model")] if useful else []
+    learnable = any(row.learnable for row in every)
+    colours += [("guided", "learned model")] if learnable else []
     body += key(*colours) + gallery(shown)
     own = [row for row in rows if row.joint != "all"]
     single = f"<details><summary>Every joint</summary>{_table(own)}</details>"

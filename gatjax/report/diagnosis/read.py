@@ -68,6 +68,11 @@ class Horizon(NamedTuple):
     high: float
     learned: float = math.nan  # rad rms of a learned model
 
+    @property
+    def learnable(self) -> bool:
+        """Whether a learned model is no worse than the nominal one."""
+        return self.learned <= self.before
+
 
 class Trace(NamedTuple):
     """The signals of one joint, each [N]; rad, load in N m; None where missing."""
