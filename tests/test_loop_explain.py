@@ -12,6 +12,7 @@ from gatjax import loop, runs
 from gatjax.diagnosis.start import Start
 from gatjax.loop import explain
 from gatjax.loop.setting import Setting
+from gatjax.robot.model import HUNG
 from gatjax.settings import LoopSettings, SearchSettings
 from gatjax.sim.world import add_cause, nominal, read_world, write_world
 from gatjax.task import Task
@@ -37,6 +38,14 @@ class Late(loop.Simulator):
 
     def __init__(self):
         super().__init__(add_cause(nominal(SHORT), "command_delay", ["all"], DELAY))
+
+
+class Hanging(Late):
+    """The same robot, which can hang."""
+
+    def hung(self):
+        held = nominal(SHORT, HUNG)
+        return loop.Simulator(add_cause(held, "command_delay", ["all"], DELAY))
 
 
 class Walker:
@@ -193,6 +202,18 @@ def test_what_stands_against_a_diagnosis_is_told_and_kept(
     assert not (folder / "extended.json").exists()
     told.clear()
     assert explain.explained(setting) == [] and not told
+
+
+def test_a_robot_that_can_hang_hangs_for_its_diagnosis(tmp_path, monkeypatch):
+    found = Diagnosis(command_delay=DELAY)
+    folder = opened(tmp_path, monkeypatch, found)
+    (entry,) = explain.explained(setting_of(folder, Hanging()))
+    ((start, fit, held),) = found.given
+    assert start == Start(HUNG)
+    assert all(log.metadata["base"] == "fixed" for log in (*fit, *held))
+    assert read_world(folder / "diagnosis/world.json")[0].source == HUNG
+    assert entry.world.source == "nao"  # that walks
+    assert [row["cause"] for row in entry.world.causes] == ["command_delay"]
 
 
 def test_a_robot_without_motions_is_diagnosed_by_its_walks(

@@ -11,7 +11,7 @@ from mujoco import mjx
 
 from gatjax.records import FORCE_SENSORS, JOINTS
 from gatjax.robot import nao
-from gatjax.robot.model import joint_names, load, slots
+from gatjax.robot.model import HUNG, joint_names, load, slots
 
 # Numbers of the ros-naoqi URDF v5 and of B-Human's 2025 release: mass, m; centre of
 # mass, m; inertia about it, kg m^2, xx yy zz xy xz yz.
@@ -301,3 +301,16 @@ def test_what_runs_on_the_robot_loads_neither_jax_nor_mujoco(module):
     loaded = set(json.loads(done.stdout))
     assert "gatjax" in loaded
     assert not loaded & {"jax", "jaxlib", "mujoco", "evosax", "flax", "optax", "orbax"}
+
+
+def test_the_hung_nao_is_the_same_robot_with_its_torso_held(model):
+    hung = load(HUNG)
+    assert (hung.nq, hung.nv) == (model.nq - 7, model.nv - 6)
+    assert joint_names(hung) == JOINTS
+    np.testing.assert_array_equal(hung.body_mass, model.body_mass)
+    np.testing.assert_array_equal(hung.actuator_gainprm, model.actuator_gainprm)
+    data = mujoco.MjData(hung)
+    data.qpos[slots(hung).position] = nao.LIMITS[:, 1]
+    mujoco.mj_forward(hung, data)
+    soles = [hung.geom(name).id for name in FORCE_SENSORS]
+    assert data.geom_xpos[soles, 2].min() > 1.0

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from gatjax import task as tasks
+from gatjax.loop.play import Hangable, Player
 from gatjax.records import JOINTS
 from gatjax.robot import nao
 from gatjax.surrogate import ROBOTS, Robot, make_robot, start
@@ -245,3 +246,36 @@ def test_a_fallen_robot_stays_as_it_fell():
     for field in (trajectory.command, *trajectory.reading, *trajectory.base):
         assert np.all(field[0, end:] == field[0, end])
     assert np.all(trajectory.alive[0, :end])
+
+
+@pytest.fixture(scope="module")
+def hanging():
+    """A swing of the left leg and arm by both robots, hung: targets, trajectories."""
+    target = np.tile(tasks.pose(THETA0), (100, 1))
+    wave = np.sin(2.0 * np.pi * 0.02 * np.arange(100))
+    for name in ("LHipPitch", "LKneePitch", "LShoulderPitch"):
+        target[:, JOINTS.index(name)] += 0.3 * wave
+    robots = {name: make_robot(name) for name in ROBOTS}
+    assert all(isinstance(robot, Hangable) for robot in robots.values())
+    hung = {name: robot.hung() for name, robot in robots.items()}
+    return target, hung, {n: h.play(target[None], 50.0, [3]) for n, h in hung.items()}
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_hung_robot_moves_its_joints_and_nothing_else(name, hanging):
+    target, hung, played = hanging
+    assert isinstance(hung[name], Player) and not isinstance(hung[name], Robot)
+    assert not hung[name].limbs().floating
+    run = played[name]
+    assert run.alive.all() and not run.reading.force.any()
+    np.testing.assert_allclose(np.ptp(run.base.position[0], axis=0), 0.0, atol=1e-4)
+    np.testing.assert_allclose(np.ptp(run.base.quaternion[0], axis=0), 0.0, atol=1e-6)
+    knee = run.reading.angle[0, :, KNEE]
+    assert np.ptp(knee) > 0.8 * np.ptp(target[:, KNEE])
+
+
+def test_hung_robots_of_both_engines_move_alike(hanging):
+    _, _, played = hanging
+    dart, stiff = (played[name].reading.angle[0] for name in ("dart", "stiff"))
+    apart = np.sqrt(np.mean((dart - stiff)[:, KNEE] ** 2))
+    assert apart < 0.01

@@ -109,7 +109,8 @@ def world_digest(path: Path) -> str:
     """Sixteen characters that change with a world: its file, model and grounding."""
     path = world_file(path)
     text = json.loads(path.read_text(encoding="utf-8"))
-    files = [path] if text["model"] == "nao" else [path, path.parent / text["model"]]
+    own = [] if text["model"] in SHIPPED else [path.parent / text["model"]]
+    files = [path, *own]
     if text.get("grounding"):
         files += [path.parent / text["grounding"] / name for name in GROUNDING]
     digest = hashlib.sha256()

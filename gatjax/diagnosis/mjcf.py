@@ -25,7 +25,7 @@ def write_model(path: Path, world: World) -> None:
         world: with a model file as its source.
     """
     file = robot_model.model_file(world.source).resolve()
-    spec, model = mujoco.MjSpec.from_file(str(file)), world.model
+    spec, model = robot_model.spec_of(world.source), world.model
     spec.compile()
     fields, _ = causes.of_model(model, world.causes)  # gears left out
     changed = mujoco.MjModel.__copy__(model)

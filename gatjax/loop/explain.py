@@ -12,10 +12,11 @@ from gatjax.diagnosis.diagnose import Logs, diagnose
 from gatjax.diagnosis.start import Start
 from gatjax.loop.collect import collect, collect_motion
 from gatjax.loop.ground import HELD_OUT, STABILITY_ROLLOUTS, count_falls
-from gatjax.loop.play import Player
+from gatjax.loop.play import Hangable, Player
 from gatjax.loop.setting import DIAGNOSIS_UNIT, Entry, Setting
 from gatjax.loop.staged import staged
 from gatjax.records import JOINTS
+from gatjax.robot.model import HUNG
 from gatjax.robot.nao import LIMITS
 from gatjax.runs import Progress, write_whole
 from gatjax.runs.files import read_json
@@ -63,7 +64,7 @@ def diagnosed(setting: Setting) -> None:
     folder = setting.folder / "diagnosis"
     if (folder / "diagnosis.json").exists():
         return
-    fit, held = logs(setting)
+    model, fit, held = logs(setting)
     ranges = {
         joint: (float(low), float(high))
         for joint, (low, high) in zip(JOINTS, LIMITS, strict=True)
@@ -75,27 +76,31 @@ def diagnosed(setting: Setting) -> None:
         Progress(lambda text: stage(f"diagnosis: {text}"), lambda share: None)
     )
     rows = checks.summary(list(zip([*fit, *held], found, strict=True)))
-    diagnose(Start("nao"), Logs(fit, held, rows), folder, setting.settings.seed, tell)
+    diagnose(Start(model), Logs(fit, held, rows), folder, setting.settings.seed, tell)
 
 
-def logs(setting: Setting) -> tuple[list[Recording], list[Recording]]:
-    """Recordings to explain, and others to measure the gain on.
+def logs(setting: Setting) -> tuple[str, list[Recording], list[Recording]]:
+    """The model, recordings to explain, and others to measure the gain on.
 
-    A robot that plays motions stands and plays some. Of any other one, walks with
-    theta0 have to do; none that later tests the prediction is fitted.
+    A robot that can hang plays motions that move every joint far; one that can only
+    stand plays those that it can bear. Of any other one, walks with theta0 have to do;
+    none that later tests the prediction is fitted.
     """
-    robot = setting.robot
+    robot, model = setting.robot, setting.world.source
+    if isinstance(robot, Hangable):
+        robot, model = robot.hung(), HUNG
     if isinstance(robot, Player):
         fit, held = (
             [collect_motion(setting, robot, name, SECONDS) for name in names]
             for names in (FIT, HELD)
         )
-        return fit, held
+        return model, fit, held
     walks = collect(setting, robot, "robot_0", THETA0)
     seen, unseen = split_by_trajectory(
         walks.trajectory, HELD_OUT, setting.settings.seed
     )
-    return [_only(walks, seen[:FIT_WALKS])], [_only(walks, unseen[:HELD_WALKS])]
+    fit, held = _only(walks, seen[:FIT_WALKS]), _only(walks, unseen[:HELD_WALKS])
+    return model, [fit], [held]
 
 
 def extended(setting: Setting) -> World:

@@ -30,6 +30,18 @@ class Player(Protocol):
         ...
 
 
+@runtime_checkable
+class Hangable(Protocol):
+    """A robot that can hang, its torso held: its joints then move as far as they can.
+
+    What a floor does to it is in no such log, and it cannot fall.
+    """
+
+    def hung(self) -> Player:
+        """Return it, hung."""
+        ...
+
+
 class Play(NamedTuple):
     """How a motion is played; the first axis of the results is one run a seed."""
 

@@ -22,28 +22,55 @@ class Slots(NamedTuple):
     force: slice
 
 
+HUNG = "nao_hung"  # the NAO with its torso held in the air
+SHIPPED = ("nao", HUNG)  # models that come with gatjax
+HEIGHT = 1.5  # m, of the held torso: no joint angle lets the feet touch the floor
+
+
 def model_file(path: str | Path) -> Path:
-    """Return the MJCF file that a path means; `nao` is the one that ships."""
-    return MODEL_FILE if str(path) == "nao" else Path(path)
+    """Return the MJCF file that a path, or the name of a shipped model, means."""
+    return MODEL_FILE if str(path) in SHIPPED else Path(path)
+
+
+def spec_of(path: str | Path) -> mujoco.MjSpec:
+    """Return a model, as `load` takes it, to be changed and compiled.
+
+    Raises:
+        ValueError: the file is no MJCF model.
+    """
+    spec = mujoco.MjSpec.from_file(str(model_file(path)))
+    if str(path) == HUNG:
+        spec.modelname = HUNG
+        spec.delete(spec.joint("base"))
+        for key in list(spec.keys):
+            spec.delete(key)
+        spec.body("torso").pos = [0.0, 0.0, HEIGHT]
+    return spec
 
 
 def load(path: str | Path = "nao", timestep: float | None = None) -> mujoco.MjModel:
-    """Load a MuJoCo model; `nao` is the one that ships with gatjax.
+    """Load a MuJoCo model; `nao` and `nao_hung` come with gatjax.
+
+    MuJoCo leaves the off-diagonal mass terms of a body out that needs none as it is in
+    the file (`body/simple`), and would stop when a cause shifts its centre of mass.
 
     A servo without a torque limit gets an infinite one: it never acts, but it can be
     lowered in compiled code, where it is fixed which servos have one.
 
     Args:
-        path: MJCF file, or "nao".
+        path: MJCF file, or a name in SHIPPED.
         timestep: physics step in s, if it shall differ from the file's.
     """
     file = model_file(path)
     if not file.is_file():
         raise FileNotFoundError(f"model file {file} does not exist; give an MJCF file")
     try:
-        model = mujoco.MjModel.from_xml_path(str(file))
+        spec = spec_of(path)
+        model = spec.compile()
         if model.body_simple[1:].any():
-            model = _changeable(file)
+            for body in spec.bodies[1:]:
+                body.simple = 0
+            model = spec.compile()
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise ValueError(f"{file} is not a valid MJCF model: {reason}") from error
@@ -52,18 +79,6 @@ def load(path: str | Path = "nao", timestep: float | None = None) -> mujoco.MjMo
     model.actuator_forcerange[model.actuator_forcelimited == 0] = -np.inf, np.inf
     model.actuator_forcelimited[:] = 1
     return model
-
-
-def _changeable(file: Path) -> mujoco.MjModel:
-    """Load a model whose balanced bodies may lose their balance later.
-
-    MuJoCo leaves the off-diagonal mass terms of a body out that needs none as it is in
-    the file (`body/simple`), and stops when a cause then shifts its centre of mass.
-    """
-    spec = mujoco.MjSpec.from_file(str(file))
-    for body in spec.bodies[1:]:
-        body.simple = 0
-    return spec.compile()
 
 
 def joint_names(model: mujoco.MjModel) -> tuple[str, ...]:

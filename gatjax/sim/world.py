@@ -57,7 +57,7 @@ class World:
     joint: Mapping[str, Effect] = dataclasses.field(default_factory=dict)
     # once per physics step, after motor
     causes: tuple[dict, ...] = ()  # as in world.json
-    source: str = "nao"  # model file, or "nao"
+    source: str = "nao"  # model file, or a shipped model's name
 
     @property
     def substeps(self) -> int:
@@ -93,7 +93,7 @@ def nominal(
 
     Args:
         task: what is asked of it, and the control period.
-        source: MJCF file, or "nao".
+        source: MJCF file, or "nao" or "nao_hung".
         timestep: physics step in s; the file's if left out, shortened until it divides
             the control period. A servo's angle is wrong by what it moves in about half
             a step.
@@ -279,7 +279,7 @@ def dropped_by_mjx(model: mujoco.MjModel) -> list[str]:
 def write_world(path: Path, world: World, made_by: dict, grounding: str | None) -> None:
     """Write world.json, whole or not at all."""
     source = world.source
-    if source != "nao":  # beside the world file, so that both can move together
+    if source not in robot_model.SHIPPED:  # beside the world file: both can move
         source = os.path.relpath(source, path.parent)
     text = {
         "schema": SCHEMA,
@@ -303,7 +303,7 @@ def read_world(path: Path, task: Task = Task()) -> tuple[World, Path | None]:
     path = world_file(path)
     text = _world_text(path)
     source = text["model"]
-    source = source if source == "nao" else path.parent / source
+    source = source if source in robot_model.SHIPPED else path.parent / source
     world = nominal(task, source, text.get("timestep_s"))
     for number, row in enumerate(text["effects"], start=1):
         where = f"{path}: effect {number}"

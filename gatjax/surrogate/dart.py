@@ -14,7 +14,7 @@ import signal
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from functools import lru_cache
+from functools import lru_cache, partial
 from multiprocessing import get_context
 from typing import Any
 
@@ -27,6 +27,7 @@ from gatjax.motions import Limbs
 from gatjax.records import JOINTS, Base, Outcome, Reading, Trajectory
 from gatjax.surrogate import course
 from gatjax.surrogate.e1 import E1, Body, draw_body, nominal, published
+from gatjax.surrogate.hung import Hung, hung_state
 from gatjax.surrogate.servo import COUPLED, encode, error, servo, torque
 from gatjax.surrogate.skeleton import TORSO, Ground, Rotors, World, skeleton
 from gatjax.surrogate.start import (
@@ -65,7 +66,7 @@ class Nao:
         self.world.setCollisionDetector(dartpy.collision.DARTCollisionDetector())
         self.world.addSkeleton(self.robot)
         self.world.addSkeleton(self.ground.skeleton)
-        self._place(*first_state(pose, run, floor))
+        self._begin(pose, run, floor)
         self.rotors = Rotors(self.robot)
         self._prepare(pose)
 
@@ -84,6 +85,10 @@ class Nao:
             )
         self.from_model = np.array([model.joint(name).qposadr[0] for name in names[6:]])
         self.imu = model.site("imu").pos
+
+    def _begin(self, pose: np.ndarray, run: Run, floor: Floor) -> None:
+        """Put the robot down."""
+        self._place(*first_state(pose, run, floor))
 
     def _place(self, qpos: np.ndarray, qvel: np.ndarray) -> None:
         """Set DART's state: rotation before position, both in the torso's axes."""
@@ -162,6 +167,16 @@ class Nao:
         self.step += 1
 
 
+class HungNao(Nao):
+    """The same robot, its torso held in the air."""
+
+    def _begin(self, pose: np.ndarray, run: Run, floor: Floor) -> None:
+        """Lift the robot and lock its torso."""
+        self._place(*hung_state(pose, run, floor))
+        locked = dartpy.dynamics.ActuatorType.LOCKED
+        self.robot.getRootJoint().setActuatorType(locked)
+
+
 @lru_cache(maxsize=4)
 def _series(body_seed: int) -> tuple[Body, Floor]:
     body = draw_body(body_seed)
@@ -179,13 +194,13 @@ def walk_one(
 
 
 def play_one(
-    body_seed: int, targets: np.ndarray, rate_hz: float, seed: int
+    kind: type[Nao], body_seed: int, targets: np.ndarray, rate_hz: float, seed: int
 ) -> Trajectory:
     """Let one robot play targets [T, J] rad; records with a leading axis of 1."""
     body, floor = _series(body_seed)
     task = playing(len(targets), rate_hz)
     run = draw_run(body, seed, task, E1)
-    machine = Nao(body, floor, run, targets[0], task)
+    machine = kind(body, floor, run, targets[0], task)
     return course.play(machine, E1, body, [run], targets[None], task)
 
 
@@ -253,8 +268,21 @@ class Dart:
         Raises:
             ValueError: another rate.
         """
+        return self._play(Nao, targets, rate_hz, seeds)
+
+    def hung(self) -> Hung:
+        """Return this robot with its torso held in the air."""
+        return Hung(self.name, partial(self._play, HungNao))
+
+    def _play(
+        self,
+        kind: type[Nao],
+        targets: np.ndarray,
+        rate_hz: float,
+        seeds: Sequence[int] | np.ndarray,
+    ) -> Trajectory:
         jobs = [
-            (self.body_seed, target, rate_hz, int(seed))
+            (kind, self.body_seed, target, rate_hz, int(seed))
             for target, seed in zip(targets, seeds, strict=True)
         ]
         return _join(self._shared(play_one, jobs))

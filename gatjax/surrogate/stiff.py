@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import mujoco
 import numpy as np
@@ -25,6 +25,7 @@ from gatjax.robot import nao
 from gatjax.robot.model import slots
 from gatjax.surrogate import course
 from gatjax.surrogate.e1 import E1, Body, draw_body, inertials, published
+from gatjax.surrogate.hung import Hung, hung_state
 from gatjax.surrogate.servo import encode, error, servo
 from gatjax.surrogate.start import (
     Floor,
@@ -43,6 +44,8 @@ THREADS = 2
 BATTERY = 21.6  # V, nominal; only its products with the motor constants matter [S6]
 LINE = "command."  # prefix of the delay lines
 FLOOR_BASE = 0.1  # m, thickness of the floor under its lowest point
+ROOT = 6  # degrees of freedom of the torso
+HELD = 1e9  # kg, kg m^2: inertia that holds a torso where it is
 
 
 def _numbers(*values: float | int) -> str:
@@ -164,7 +167,7 @@ class Flock:
         self, body: Body, floor: Floor, runs: list[Run], poses: np.ndarray, task: Task
     ) -> None:
         """Put N robots down with joint angles `poses` [N, J] rad."""
-        model = _model(body.seed)
+        model = self._built(body.seed)
         self.body, self.patch = body, np.stack([run.patch for run in runs])
         self.periods = round(task.control_period / (STEP * SERVO_STEPS))
         joints = len(JOINTS)
@@ -182,6 +185,14 @@ class Flock:
         self.seen = self._put_down(model, floor, runs, poses)
         self.fresh = True
 
+    @staticmethod
+    def _built(body_seed: int) -> mujoco.MjModel:
+        return _model(body_seed)
+
+    @staticmethod
+    def _first(pose: np.ndarray, run: Run, floor: Floor) -> tuple:
+        return first_state(pose, run, floor)
+
     def _put_down(
         self, model: mujoco.MjModel, floor: Floor, runs: list[Run], poses: np.ndarray
     ) -> np.ndarray:
@@ -191,7 +202,7 @@ class Flock:
         seen = np.zeros((len(runs), model.nsensordata))
         data = mujoco.MjData(model)
         for index, (run, pose) in enumerate(zip(runs, poses, strict=True)):
-            qpos, speed = first_state(pose, run, floor)
+            qpos, speed = self._first(pose, run, floor)
             mujoco.mj_resetData(model, data)
             data.qpos[:], data.qvel[:] = qpos, speed
             data.ctrl[self.motor], data.ctrl[self.line] = qpos[self.angle], pose
@@ -231,6 +242,21 @@ class Flock:
             self.batch.step(ids=ids, nstep=SERVO_STEPS)
             arrived = self.arrived[:, self.line]
         self.fresh = False
+
+
+class HungFlock(Flock):
+    """The same robots, their torsos held in the air."""
+
+    @staticmethod
+    def _built(body_seed: int) -> mujoco.MjModel:
+        model = mujoco.MjModel.__copy__(_model(body_seed))
+        model.dof_armature[:ROOT] = HELD
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+        return model
+
+    @staticmethod
+    def _first(pose: np.ndarray, run: Run, floor: Floor) -> tuple:
+        return hung_state(pose, run, floor)
 
 
 def _undelayed(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
@@ -306,8 +332,21 @@ class Stiff:
 
         The result is a Trajectory [N, T, ...]; see `gatjax.surrogate.dart.Dart.play`.
         """
+        return self._play(Flock, targets, rate_hz, seeds)
+
+    def hung(self) -> Hung:
+        """Return this robot with its torso held in the air."""
+        return Hung(self.name, partial(self._play, HungFlock))
+
+    def _play(
+        self,
+        kind: type[Flock],
+        targets: np.ndarray,
+        rate_hz: float,
+        seeds: Sequence[int] | np.ndarray,
+    ) -> Trajectory:
         body, floor = _series(self.body_seed)
         task = playing(targets.shape[1], rate_hz)
         runs = [draw_run(body, int(seed), task, E1) for seed in seeds]
-        flock = Flock(body, floor, runs, targets[:, 0], task)
+        flock = kind(body, floor, runs, targets[:, 0], task)
         return course.play(flock, E1, body, runs, targets, task)
