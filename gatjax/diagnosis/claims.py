@@ -106,19 +106,24 @@ def occam(
     return max(price, PRICE * count)
 
 
-def shared_value(free: list[Fit], hypothesis: Hypothesis) -> np.ndarray:
+def shared_value(
+    free: list[Fit], hypothesis: Hypothesis, first: int | None = None
+) -> np.ndarray:
     """The coordinates of a cause that fits agree on, weighted by information.
+
+    They are the last ones, or those from the index `first` on.
 
     Coordinates may depend on each other: the mean of values within bounds can lie out
     of them, and is brought back.
     """
     count = len(hypothesis.low)
+    part = slice(-count, None) if first is None else slice(first, first + count)
     total, right = 1e-9 * np.eye(count), np.zeros(count)
     for fit in free:
-        covariance = np.linalg.pinv(fit.information)[-count:, -count:]
+        covariance = np.linalg.pinv(fit.information)[part, part]
         weight = np.linalg.pinv(covariance) / max(fit.cost / len(fit.residual), 0.5)
         total += weight
-        right += weight @ fit.x[-count:]
+        right += weight @ fit.x[part]
     return np.clip(np.linalg.solve(total, right), hypothesis.low, hypothesis.high)
 
 

@@ -93,6 +93,23 @@ class Known:
                 self.found.pop(index, None)
         return claim
 
+    def take(self, claims: list[Claim], known: list[Fit]) -> None:
+        """Take claims about all joints for known, with the fits that they make."""
+        self.accepted += claims
+        self.known, every = known, range(len(self.joints))
+        for _ in range(PASSES):
+            old = self.case, self.joints, self.known
+            total = self.evidence()
+            self.case = along(self.case, self.joints, self.known)
+            self.joints = self.altered(self.case)
+            self.known = mapped(self._again, every)
+            better = self.evidence() - total
+            if better < CHANGED:
+                if better < -CHANGED:
+                    self.case, self.joints, self.known = old
+                break
+        self.found.clear()
+
     def _let_go(self) -> None:
         """Stop drawing joints without a cause that by now can be followed without."""
         named = {k for claim in self.accepted for k in claim.fits}

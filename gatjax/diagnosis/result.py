@@ -206,7 +206,7 @@ def sentence(verdict: Verdict, rows: list[dict[str, Any]]) -> str:
     """The verdict in one sentence a person understands."""
     fits = [row for row in rows if row["borne_out"] is not False]
     sure, likely, doubtful = (
-        " and ".join(map(_phrase, some))
+        " and ".join(map(_phrase, _alike(some)))
         for some in (
             [row for row in fits if row["probability"] >= CERTAIN],
             [row for row in fits if row["probability"] < CERTAIN],
@@ -263,15 +263,27 @@ def unexplained(
     return {"significant": bool(names), "share": float(share), "where": names, **found}
 
 
-def _phrase(row: dict[str, Any]) -> str:
-    """A cause in words: name, size, place, alternatives."""
+def _alike(rows: list[dict[str, Any]]) -> list[list[dict[str, Any]]]:
+    """Rows in groups that one phrase tells: a cause with its values at some joints."""
+    groups: dict[tuple, list[dict[str, Any]]] = {}
+    for row in rows:
+        key = row["cause"], row["variant"], tuple(row["equivalent"])
+        groups.setdefault(key, []).append(row)
+    return list(groups.values())
+
+
+def _phrase(rows: list[dict[str, Any]]) -> str:
+    """A cause in words: name, sizes, places, alternatives."""
+    row = rows[0]
     name, value = next(iter(row["parameters"].items()))
-    where = ", ".join(row["where"][:4]) + (" and others" if row["where"][4:] else "")
+    sizes = sorted(each["parameters"][name]["value"] for each in rows)
+    places = [place for each in rows for place in each["where"]]
+    where = ", ".join(places[:4]) + (" and others" if places[4:] else "")
     where = "all joints" if where == "all" else where
     unit = "" if value["unit"] == "1" else f" {value['unit']}"
     alike = " or ".join(row["equivalent"]).replace("_", " ")
     other = f" (or {alike})" if alike else ""
     words = row["cause"].replace("_", " ")
-    size = f"{value['value']:.3g}{unit}"
-    size += "" if name in words else f" ({name})"
+    size = " to ".join(dict.fromkeys(f"{one:.3g}" for one in (sizes[0], sizes[-1])))
+    size += unit + ("" if name in words else f" ({name})")
     return f"{words} of {size} at {where}{other}"

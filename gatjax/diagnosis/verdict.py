@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gatjax.diagnosis import agreed, everywhere, pairs
 from gatjax.diagnosis import case as cases
-from gatjax.diagnosis import pairs
 from gatjax.diagnosis.aliases import again, alias
-from gatjax.diagnosis.claims import LATER, Claim
+from gatjax.diagnosis.claims import LATER, Claim, shared_value
 from gatjax.diagnosis.findings import adequate, whole, worth_naming
 from gatjax.diagnosis.hypotheses import COUNT
 from gatjax.diagnosis.judge import Judge
@@ -77,10 +77,10 @@ def conclude(judge: Judge) -> Verdict:
 
 def decide(judge: Judge) -> Verdict:
     """Name causes one after the other until nothing worth naming is left."""
-    causes: list[Cause] = []
+    causes = _everywhere(judge)
     law: Claim | None = None
-    claims = judge.claims()
-    before: list[Before] = []  # each of the causes
+    claims = _further(judge, causes)
+    before = [Before(judge.fork(), claims)] * len(causes)  # each of the causes
     for number in range(judge.most):
         best = next((c for c in claims if worth_naming(judge, c)), None)
         if best is None:
@@ -118,6 +118,31 @@ def decide(judge: Judge) -> Verdict:
         left = sorted({*left, *law.where})
     causes = [cause._replace(claim=judge.current(cause.claim)) for cause in causes]
     return Verdict(word(causes, left), causes, left, law, claims, judge)
+
+
+def _everywhere(judge: Judge) -> list[Cause]:
+    """The causes of a whole robot that is wrong in several ways, taken for known."""
+    found = everywhere.causes(judge)
+    if not found:
+        return []
+    values, known = agreed.valued(judge, [options[0] for options in found])
+    judge.take([claim for claims in values for claim in claims], known)
+    every, out = tuple(range(len(judge.joints))), []
+    for options, claims in zip(found, values, strict=True):
+        rows = [
+            Claim(
+                option.hypothesis,
+                shared_value(list(option.fits.values()), option.hypothesis),
+                every, option.fits, option.gain,
+            )
+            for option in options
+        ]  # fmt: skip
+        cause = _weighed(judge, rows[0], rows)
+        mine = alias(rows[0].hypothesis, len(every)) - {rows[0].hypothesis.cause}
+        alike = sorted(mine | set(cause.equivalent))  # no fit of six joints parts these
+        out += [cause._replace(claim=claim, equivalent=alike) for claim in claims]
+    judge.most += len(out)
+    return out
 
 
 def _further(judge: Judge, causes: list[Cause]) -> list[Claim]:

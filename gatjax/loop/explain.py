@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import jax
 import numpy as np
 
@@ -27,6 +29,7 @@ from gatjax.walk.parameters import THETA0
 EXPLAINED = "explained"
 SKIPPED = "diagnosis/skipped.txt"
 FIT, HELD = ("rich", "steps_small"), ("multisine",)  # motions of the menu
+MOUNTING = "gravity_tilt"  # of a hung robot: it is left behind where it walks
 SECONDS = 14.0  # of each of them
 FIT_WALKS, HELD_WALKS = 4, 2  # of a robot that plays no motions
 
@@ -38,9 +41,16 @@ def explained(setting: Setting) -> list[Entry]:
     one line and kept in diagnosis/skipped.txt, and the run goes on without.
     """
     file, skipped = (setting.folder / name for name in ("extended.json", SKIPPED))
+    done = 0.0
+
+    def work(share: float) -> None:
+        nonlocal done
+        done += share
+        setting.progress.work(DIAGNOSIS_UNIT * share)
+
     if not file.exists() and not skipped.exists():
         try:
-            diagnosed(setting)
+            diagnosed(setting, work)
             write_world(file, extended(setting), {"verb": "run"}, None)
         except np.linalg.LinAlgError:
             raise
@@ -49,14 +59,14 @@ def explained(setting: Setting) -> list[Entry]:
             setting.progress.stage(f"no GAT after diagnosis: {reason}")
             skipped.parent.mkdir(exist_ok=True)
             write_whole({skipped: f"{reason}\n".encode()})
-    setting.progress.work(DIAGNOSIS_UNIT)
+    work(1.0 - done)
     if skipped.exists():
         return []
     return [Entry(EXPLAINED, "gat", read_world(file, setting.task)[0])]
 
 
-def diagnosed(setting: Setting) -> None:
-    """Diagnose the robot into the run folder, once.
+def diagnosed(setting: Setting, work: Callable[[float], None]) -> None:
+    """Diagnose the robot into the run folder, once; `work` hears of each share done.
 
     Raises:
         ValueError: one line: its logs cannot carry a diagnosis.
@@ -72,9 +82,7 @@ def diagnosed(setting: Setting) -> None:
     found = checks.trusted(fit, ranges, "fit")
     found += checks.trusted(held, ranges, "held-out")
     stage = setting.progress.stage
-    tell = staged(
-        Progress(lambda text: stage(f"diagnosis: {text}"), lambda share: None)
-    )
+    tell = staged(Progress(lambda text: stage(f"diagnosis: {text}"), work))
     rows = checks.summary(list(zip([*fit, *held], found, strict=True)))
     diagnose(Start(model), Logs(fit, held, rows), folder, setting.settings.seed, tell)
 
@@ -132,6 +140,8 @@ def extended(setting: Setting) -> World:
         )
     world = setting.world
     for row in found.causes:
+        if row["cause"] == MOUNTING and found.source == HUNG:
+            continue
         role = row.get("role", "cause")
         world = add_cause(world, row["cause"], row["where"], row["values"], role)
     keys = jax.random.split(setting.key(2, 0), STABILITY_ROLLOUTS)

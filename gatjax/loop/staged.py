@@ -10,6 +10,7 @@ from gatjax.runs import Progress
 ENGINE = {
     "stand": ("simulate the standing robot", 0.0, 0.1),
     "tolerances": ("fit tolerances", 0.1, 0.3),
+    "everywhere": ("look for causes of the whole robot", 0.3, 0.5),
     "causes": ("weigh causes", 0.3, 0.6),
     "losses": ("look for lost commands", 0.3, 0.6),
     "astray": ("weigh causes of joints that go astray", 0.3, 0.6),

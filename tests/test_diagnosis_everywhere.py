@@ -1,0 +1,106 @@
+"""A robot that is wrong in several ways at all joints: they are found together."""
+
+import numpy as np
+import pytest
+
+from gatjax.data.recording import write_recording
+from gatjax.diagnosis import everywhere
+from gatjax.diagnosis.case import held, prepare
+from gatjax.diagnosis.diagnose import Logs, given
+from gatjax.diagnosis.judge import Judge
+from gatjax.diagnosis.start import Start
+from gatjax.diagnosis.tolerances import USUAL
+from gatjax.diagnosis.verdict import conclude
+from gatjax.surrogate.hidden import design, rigid
+from gatjax.surrogate.hidden.catalogue import CATALOGUE
+from gatjax.surrogate.hidden.measure import Channels, log_of, recording
+from gatjax.surrogate.hidden.numbers import Specimen, draw
+from gatjax.surrogate.hidden.robots import robot
+from gatjax.surrogate.hidden.targets import Lane
+
+DELAY, STRAIN = 0.03, 0.03  # s; rad, error of a servo that balances the friction
+LEG = robot("leg_six")
+FRICTION = STRAIN * LEG.model.actuator_gainprm[:, 0]  # N m
+
+
+def late(specimen):
+    every = list(range(len(LEG.joints)))
+    return CATALOGUE["command_delay"].apply(specimen, LEG, every, DELAY, {})
+
+
+def rubbing(specimen):
+    for joint, torque in enumerate(FRICTION):
+        specimen = CATALOGUE["coulomb_friction"].apply(
+            specimen, LEG, [joint], torque, {}
+        )
+    return specimen
+
+
+def judged(folder, *effects):
+    """The judge of a leg with effects at all of its joints; one log of some 12 s."""
+    specimen = Specimen(draw(LEG, np.random.default_rng(8)))
+    for effect in effects:
+        specimen = effect(specimen)
+    lane = Lane(specimen, design._log(LEG, "rich", 50.0, 0.0004, (8, 0, 0)))
+    (history,) = rigid.simulate(LEG, [lane])
+    log = recording(LEG, [log_of(LEG, lane, history, Channels())], 50.0)
+    (folder / "leg.xml").write_text(LEG.xml)
+    write_recording(folder / "fit.parquet", log)
+    data = given(Start(str(folder / "leg.xml")), Logs([log], []), 0)
+    base = held(data.model, data.logs, 0, USUAL, data.start.joints(data.model))
+
+    def tell(stage, share):
+        assert 0.0 <= share <= 1.0
+
+    return Judge(prepare(base, data.logs, tell), tell)
+
+
+@pytest.fixture(scope="module")
+def verdict(tmp_path_factory):
+    return conclude(judged(tmp_path_factory.mktemp("both"), late, rubbing))
+
+
+def test_both_causes_are_named_at_all_joints(verdict):
+    where = {}
+    for cause in verdict.causes:
+        where.setdefault(cause.claim.hypothesis.cause, []).extend(cause.claim.where)
+    every = list(range(len(LEG.joints)))
+    assert where.keys() <= {"command_delay", "measurement_delay", "coulomb_friction"}
+    assert len(where) == 2 and all(sorted(each) == every for each in where.values())
+    assert verdict.verdict == "named" and not verdict.unexplained
+    assert all(cause.probability > 0.9 for cause in verdict.causes)
+
+
+def test_a_value_that_suits_all_joints_is_one_value(verdict):
+    (cause,) = (
+        c for c in verdict.causes if c.claim.hypothesis.cause.endswith("_delay")
+    )
+    (delay,) = cause.claim.hypothesis.values(
+        verdict.judge.joints[0], cause.claim.own
+    ).values()
+    assert delay == pytest.approx(DELAY, abs=0.003)
+    assert cause.claim.gain > 100.0
+
+
+def test_values_that_differ_are_told_for_each_joint(verdict):
+    found = {}
+    for cause in verdict.causes:
+        claim = cause.claim
+        if claim.hypothesis.cause == "coulomb_friction":
+            for k in claim.where:
+                values = claim.hypothesis.values(verdict.judge.joints[k], claim.own)
+                found[k] = values["torque"]
+    shares = np.array([found[k] for k in sorted(found)]) / FRICTION
+    assert np.abs(shares - 1.0).max() < 0.35  # beside the tolerance of its own friction
+
+
+def test_the_joints_are_explained_to_near_the_noise(verdict):
+    judge = verdict.judge
+    for joint, fit, before in zip(
+        judge.joints, judge.known, judge.case.healthy, strict=True
+    ):
+        assert fit.rms() < 3.0 * joint.noise < 0.3 * before.rms()
+
+
+def test_what_one_cause_may_explain_is_left_to_the_usual_way(tmp_path):
+    assert everywhere.causes(judged(tmp_path, late)) == []
