@@ -201,7 +201,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--cases", type=int, default=12)
     asked = parser.parse_args()
-    rows = []
+    marks, rows = HERE / "everywhere" / f"{asked.seed}.json", []
+    marks.parent.mkdir(exist_ok=True)
     for index in range(asked.cases):
         folder = asked.out / f"e{asked.seed}_{index:04d}"
         kept = folder / "mark.json"
@@ -217,7 +218,7 @@ def main() -> None:
             write_json(kept, row | {"wall": round(time.monotonic() - began, 1)})
         row = read_json(kept)
         rows.append(row)
-        write_json(HERE / "everywhere" / f"{asked.seed}.json", {"cases": rows})
+        write_json(marks, {"cases": rows})
         print(
             f"{row['case']} {row['robot']:9s} {row['verdict']:9s} "
             f"{len(row['found'])} of {len(row['visible'])} "
