@@ -84,7 +84,8 @@ def test_nothing_is_weighed_after_the_last_cause_that_may_be_named():
 def row(cause, borne_out, probability=0.9):
     size = {"value": 0.1, "unit": "rad"}
     return {
-        "cause": cause, "where": ["elbow"], "parameters": {"width": size},
+        "cause": cause, "variant": "", "where": ["elbow"],
+        "parameters": {"width": size},
         "equivalent": [], "borne_out": borne_out, "probability": probability,
     }  # fmt: skip
 
@@ -118,3 +119,12 @@ def test_the_sentence_names_few_joints_and_claims_no_more_than_it_knows():
     text = sentence(verdict([])._replace(verdict="ambiguous", unexplained=[]), [many])
     assert "may lack backlash of" in text
     assert "at a, b, c, d and others (or joint elasticity), but" in text
+
+
+def test_the_sentence_tells_a_cause_once_with_the_sizes_it_has():
+    other = row("backlash", True) | {
+        "where": ["wrist"], "parameters": {"width": {"value": 0.03, "unit": "rad"}}
+    }  # fmt: skip
+    rows = [row("backlash", True), row("stiction", True), other]
+    text = sentence(verdict([])._replace(verdict="named", unexplained=[]), rows)
+    assert "lacks backlash of 0.03 to 0.1 rad (width) at elbow, wrist and sti" in text
