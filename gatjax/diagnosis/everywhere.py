@@ -18,13 +18,14 @@ from gatjax.diagnosis.aliases import covered
 from gatjax.diagnosis.bank import CAUSES, of_drive
 from gatjax.diagnosis.case import mapped
 from gatjax.diagnosis.claims import LATER, PLACE, SHARED, occam, uncertainty
-from gatjax.diagnosis.findings import REST, ROUGH
+from gatjax.diagnosis.findings import ROUGH
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined
 from gatjax.diagnosis.joint import Joint
 from gatjax.diagnosis.judge import Judge
 
 FEWEST, SHARE = 3, 0.5  # joints that are wrong at least, and their share of all
+LEFT = 0.05  # of its misfit, that a single cause may leave at a joint
 PROBES = 6  # joints that are looked at
 MOST = 6  # causes
 TURNS = 3  # of exchanges after each new cause
@@ -94,11 +95,9 @@ def put_together(
 
 
 def _right(judge: Judge, index: int, fit: Fit) -> bool:
-    """Whether a fit leaves no more at a joint than a named cause may."""
-    noise = judge.joints[index].noise
-    before = judge.case.healthy[index].rms() / noise
-    level = fit.rms() / noise
-    return level < ROUGH or level**2 < REST * before**2
+    """Whether a fit leaves no more at a joint than the law of one cause would."""
+    before = judge.case.healthy[index].rms()
+    return fit.rms() < max(ROUGH * judge.joints[index].noise, LEFT * before)
 
 
 def _probes(judge: Judge, wrong: list[int]) -> list[int]:
