@@ -114,7 +114,8 @@ def test_the_robot_stands_and_plays_for_its_diagnosis(run):
     assert all(log.metadata["base"] == "floating" for log in (*fit, *held))
     assert len({log.metadata["seed"] for log in (*fit, *held)}) == 3
     kept = {path.name for path in folder.glob("recordings/explain_*")}
-    assert kept == {f"explain_{name}.parquet" for each in motions for name in each}
+    names = [name for each in motions for name in each]
+    assert kept == {f"explain_standing_{name}.parquet" for name in names}
     assert "data_checks" in json.loads(
         (folder / "diagnosis/diagnosis.json").read_text()
     )
@@ -214,6 +215,14 @@ def test_a_robot_that_can_hang_hangs_for_its_diagnosis(tmp_path, monkeypatch):
     assert read_world(folder / "diagnosis/world.json")[0].source == HUNG
     assert entry.world.source == "nao"  # that walks
     assert [row["cause"] for row in entry.world.causes] == ["command_delay"]
+    assert list(folder.glob("recordings/explain_hung_*"))
+
+
+def test_how_a_hung_robot_was_mounted_is_left_behind(tmp_path, monkeypatch):
+    told = []
+    folder = opened(tmp_path, monkeypatch, Diagnosis(gravity_tilt=0.05))
+    assert explain.explained(setting_of(folder, Hanging(), told.append)) == []
+    assert told[-1].startswith("no GAT after diagnosis: the diagnosis changes nothing")
 
 
 def test_a_robot_without_motions_is_diagnosed_by_its_walks(

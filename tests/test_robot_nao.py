@@ -11,7 +11,7 @@ from mujoco import mjx
 
 from gatjax.records import FORCE_SENSORS, JOINTS
 from gatjax.robot import nao
-from gatjax.robot.model import HUNG, joint_names, load, slots
+from gatjax.robot.model import HUNG, check_walker, joint_names, load, slots
 
 # Numbers of the ros-naoqi URDF v5 and of B-Human's 2025 release: mass, m; centre of
 # mass, m; inertia about it, kg m^2, xx yy zz xy xz yz.
@@ -314,3 +314,9 @@ def test_the_hung_nao_is_the_same_robot_with_its_torso_held(model):
     mujoco.mj_forward(hung, data)
     soles = [hung.geom(name).id for name in FORCE_SENSORS]
     assert data.geom_xpos[soles, 2].min() > 1.0
+
+
+def test_a_nao_that_hangs_cannot_walk(model):
+    check_walker(model, "nao")
+    with pytest.raises(ValueError, match="hangs and cannot walk; use a world of the"):
+        check_walker(load(HUNG), HUNG)

@@ -4,7 +4,8 @@
 
 Each case is a robot of many joints with two to four causes at all of them, drawn from
 CAUSES, and in half of the cases an encoder offset at one joint besides. A cause counts
-where it is visible (d of 3 or more) at most joints. Ctrl-C keeps what is solved, and
+where it is visible (d of 3 or more) at most joints, and is found where it is named with
+a probability of 0.5 or more at most joints. Ctrl-C keeps what is solved, and
 the same command goes on. It writes everywhere/SEED.json and prints a line a case.
 """
 
@@ -181,13 +182,22 @@ def marked(truth: dict[str, Any], said: dict[str, Any], joints: int) -> dict[str
     visible = [n for n, d in truth["visibility"].items() if d >= VISIBLE]
     found = [name for name in visible if _alike(name) & common]
     wrong = [n for n in common if not any(n in _alike(t) for t in truth["sizes"])]
-    local = None
+    local, odd = None, None
     if truth["offset"]:
-        local = truth["offset"][0] in where.get("encoder_offset", set())
+        odd = truth["offset"][0]
+        local = odd in where.get("encoder_offset", set())
+    here = [
+        f"{name} at {place}"
+        for name, places in where.items()
+        for place in places
+        if name not in common and not any(name in _alike(t) for t in truth["sizes"])
+        and (name, place) != ("encoder_offset", odd)
+    ]  # fmt: skip
     gain = said["gain"]
     return {
         "verdict": said["verdict"], "visible": visible, "found": found,
-        "not_there": wrong, "offset_found": local, "before": gain["before"],
+        "not_there": wrong, "not_there_at": here, "offset_found": local,
+        "before": gain["before"],
         "after": gain["after"], "noise": gain["noise_floor"],
         "learned": gain["learned_ceiling"], "unexplained": said["unexplained"]["where"],
         "seconds": said["seconds"],
@@ -219,12 +229,13 @@ def main() -> None:
         row = read_json(kept)
         rows.append(row)
         write_json(marks, {"cases": rows})
+        wrong = ", ".join(row["not_there"] + row["not_there_at"])
         print(
             f"{row['case']} {row['robot']:9s} {row['verdict']:9s} "
             f"{len(row['found'])} of {len(row['visible'])} "
             f"({', '.join(row['visible'])}); not there: "
-            f"{', '.join(row['not_there']) or '-'}; offset {row['offset_found']}; "
-            f"{np.degrees(row['before']):.2f} -> {np.degrees(row['after']):.3f} deg; "
+            f"{wrong or '-'}; offset "
+            f"{row['offset_found']}; {np.degrees(row['before']):.2f} -> {np.degrees(row['after']):.3f} deg; "
             f"{row['seconds']:.0f} s", flush=True,
         )  # fmt: skip
 

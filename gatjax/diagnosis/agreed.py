@@ -7,12 +7,14 @@ price once, and every joint pays with its misfit where the value does not suit i
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.case import mapped
 from gatjax.diagnosis.claims import (
+    LATER,
     PLACE,
     WHOLE,
     Claim,
@@ -21,6 +23,7 @@ from gatjax.diagnosis.claims import (
     uncertainty,
 )
 from gatjax.diagnosis.everywhere import Option, parts_of, put_together
+from gatjax.diagnosis.findings import VISIBLE
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, pinned
 from gatjax.diagnosis.judge import Judge
@@ -30,69 +33,103 @@ FREE, HELD = 12, 3  # iterations of a joint with values of its own, and with giv
 Group = tuple[int, ...]
 
 
-def valued(
-    judge: Judge, options: Sequence[Option]
-) -> tuple[list[list[Claim]], list[Fit]]:
-    """Claims of causes that a whole robot has, with the values that joints agree on.
+class Valued(NamedTuple):
+    """A cause of a whole robot with its values."""
+
+    options: list[Option]  # in its place, itself first
+    claims: list[Claim]  # one a value
+
+
+def valued(judge: Judge, found: list[list[Option]]) -> tuple[list[Valued], list[Fit]]:
+    """Causes that a whole robot has, with the values that joints agree on.
+
+    Left out is what is worth nothing any more with such values, or too small to see.
 
     Args:
         judge: what is known without them.
-        options: the causes.
+        found: of `everywhere.causes`.
 
     Returns:
-        For each cause its claims, one a value; and the fits of all joints.
+        The causes, and the fits of all joints; none where fewer than two are left.
     """
+    while len(found) > 1:
+        claims, known = _agreed(judge, [options[0] for options in found])
+        weak = next((n for n, mine in enumerate(claims) if _weak(judge, mine)), None)
+        if weak is None:
+            pairs = zip(found, claims, strict=True)
+            return [Valued(*pair) for pair in pairs], known
+        found = found[:weak] + found[weak + 1 :]
+    return [], []
+
+
+def _weak(judge: Judge, claims: list[Claim]) -> bool:
+    """Whether a cause is no finding."""
+    if sum(claim.gain for claim in claims) < LATER:
+        return True
+    return all(judge.visibility(claim) <= VISIBLE for claim in claims)
+
+
+def _agreed(
+    judge: Judge, options: Sequence[Option]
+) -> tuple[list[list[Claim]], list[Fit]]:
+    """The claims of each cause, and the fits of all joints."""
     hypotheses = [option.hypothesis for option in options]
     guesses = [
         shared_value(list(option.fits.values()), option.hypothesis)
         for option in options
     ]
-    every = range(len(judge.joints))
 
-    def free(index: int) -> Fit:
+    def one(index: int) -> Fit:
         joint, parts = judge.joints[index], list(zip(hypotheses, guesses, strict=True))
         starts = (judge.known[index].x[:COUNT], np.zeros(COUNT))
         tried = fits.start(joint, [put_together(x, parts) for x in starts])
         return fits.improve(joint, [min(tried, key=lambda fit: fit.cost)], FREE)[0]
 
-    known, claims = mapped(free, every), []
+    free = mapped(one, range(len(judge.joints)))
+    known, claims, first = free, [], COUNT
     for number, hypothesis in enumerate(hypotheses):
-        groups = _divisions(judge, hypothesis)
-        tried = [_divided(judge, known, number, each) for each in groups]
-        _, mine, known = max(tried, key=lambda one: one[0])
+        count = len(hypothesis.low)
+        sure = [uncertainty([fit], count, first) for fit in free]
+        tried = [
+            _divided(judge, known, number, sure, groups)
+            for groups in _divisions(judge, hypothesis)
+        ]
+        _, mine, known = max(tried, key=lambda each: each[0])
         claims.append(mine)
+        first += count
     return [_weighed(judge, known, n, mine) for n, mine in enumerate(claims)], known
 
 
 def _divisions(judge: Judge, hypothesis: Hypothesis) -> list[list[Group]]:
     """Ways to divide the joints into those with one value."""
     every = tuple(range(len(judge.joints)))
-    if hypothesis.cause in WHOLE:
-        return [[every]]
     motors: dict[tuple, Group] = {}
     for k in every:
         motor = judge.joints[k].motor
         motors[motor] = (*motors.get(motor, ()), k)
-    return [[every], list(motors.values()), [(k,) for k in every]]
+    ways = [[every], list(motors.values()), [(k,) for k in every]]
+    if hypothesis.cause in WHOLE:
+        return ways[:1]
+    return [way for n, way in enumerate(ways) if way not in ways[:n]]
 
 
 def _divided(
-    judge: Judge, known: list[Fit], number: int, groups: list[Group]
-) -> tuple[float, list[Claim], list[Fit]]:
+    judge: Judge, known: list[Fit], number: int, sure: list[np.ndarray | None],
+    groups: list[Group],
+) -> tuple[float, list[Claim], list[Fit]]:  # fmt: skip
     """Nats, claims and fits where groups of joints have one value of a cause each.
 
-    The causes before it have given values already: its coordinates come first.
+    The causes before it have given values already: its coordinates come first. `sure`
+    is the covariance of each joint's own value, all causes free.
     """
-    claims, price = [], 0.0
+    claims = []
     held: dict[int, Hypothesis] = {}
     for group in groups:
         part, _ = parts_of(known[group[0]])[number]
-        heard = [known[k] for k in group]
-        own = shared_value(heard, part, COUNT)
-        sure = uncertainty(heard, len(part.low), COUNT)
-        price += occam(part, own, sure)
-        price += PLACE * (1 if len(group) == len(known) else len(group))
-        claims.append(Claim(part, own, group, {}, 0.0, covariance=sure))
+        own = shared_value([known[k] for k in group], part, COUNT)
+        each = [np.linalg.pinv(c) for k in group if (c := sure[k]) is not None]
+        covariance = np.linalg.pinv(np.sum(each, axis=0)) if each else None
+        claims.append(Claim(part, own, group, {}, 0.0, covariance=covariance))
         held |= dict.fromkeys(group, pinned(part, own))
 
     def one(index: int) -> Fit:
@@ -102,7 +139,14 @@ def _divided(
 
     fitted = mapped(one, range(len(known)))
     pairs = zip(judge.joints, fitted, strict=True)
-    return sum(fits.evidence(*pair) for pair in pairs) - price, claims, fitted
+    nats = sum(fits.evidence(*pair) for pair in pairs)
+    return nats - sum(_price(judge, claim) for claim in claims), claims, fitted
+
+
+def _price(judge: Judge, claim: Claim) -> float:
+    """What a value and its places cost, in nats."""
+    places = 1 if len(claim.where) == len(judge.joints) else len(claim.where)
+    return occam(claim.hypothesis, claim.own, claim.covariance) + PLACE * places
 
 
 def _refitted(
@@ -117,7 +161,7 @@ def _refitted(
 def _weighed(
     judge: Judge, known: list[Fit], number: int, claims: list[Claim]
 ) -> list[Claim]:
-    """Claims of a cause with their fits, and the nats that are lost without it."""
+    """Claims of a cause with their fits and their gain beside the other causes."""
 
     def lost(index: int) -> float:
         fit, joint = known[index], judge.joints[index]
@@ -130,7 +174,7 @@ def _weighed(
     return [
         claim._replace(
             fits={k: known[k] for k in claim.where},
-            gain=float(sum(gains[k] for k in claim.where)),
+            gain=sum(gains[k] for k in claim.where) - _price(judge, claim),
         )
         for claim in claims
     ]

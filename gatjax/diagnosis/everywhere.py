@@ -25,7 +25,7 @@ from gatjax.diagnosis.joint import Joint
 from gatjax.diagnosis.judge import Judge
 
 FEWEST, SHARE = 3, 0.5  # joints that are wrong at least, and their share of all
-LEFT = 0.05  # of its misfit, that a single cause may leave at a joint
+ALONE = 0.05  # of its rms misfit, that a single cause may leave at a joint
 PROBES = 6  # joints that are looked at
 MOST = 6  # causes
 TURNS = 3  # of exchanges after each new cause
@@ -38,15 +38,24 @@ class Option(NamedTuple):
 
     hypothesis: Hypothesis
     gains: dict[int, float]  # nats
-    fits: dict[int, Fit]  # the cause comes last
+    fits: dict[int, Fit]  # as it was proposed: the cause comes last
 
     @property
     def gain(self) -> float:
         """Nats, all of these joints together."""
         return sum(self.gains.values())
 
+    @property
+    def law(self) -> tuple[str, str]:
+        """Cause and variant."""
+        return self.hypothesis.cause, self.hypothesis.variant
 
-Known = dict[int, Fit]  # what is known of some joints
+    def common(self, joints: int) -> bool:
+        """Whether it is worth it at most of some joints."""
+        return sum(gain > LATER for gain in self.gains.values()) > SHARE * joints
+
+
+Fits = dict[int, Fit]  # of the joints that are looked at
 
 
 def causes(judge: Judge) -> list[list[Option]]:
@@ -56,22 +65,23 @@ def causes(judge: Judge) -> list[list[Option]]:
         For each cause the options in its place, itself first and then the best.
     """
     every = range(len(judge.joints))
+    if judge.most == 1 or len(every) < FEWEST:
+        return []
     wrong = [k for k in every if not _right(judge, k, judge.known[k])]
-    if judge.most == 1 or len(wrong) < max(FEWEST, SHARE * len(every)):
+    if len(wrong) < max(FEWEST, SHARE * len(every)):
         return []
     known = {k: judge.known[k] for k in _probes(judge, wrong)}
     found: list[list[Option]] = []
-    while len(found) < MOST:
-        judge.tell("everywhere", len(found) / MOST)
+    for turn in range(MOST):
+        judge.tell("everywhere", turn / MOST)
         options = _ranked(judge, known, [each[0] for each in found])
         if not options:
             break
         known = known | options[0].fits
-        found.append(options)
+        found, known = _improved(judge, [*found, options], known)
         left = [k for k, fit in known.items() if not _right(judge, k, fit)]
         if len(found) == 1 and len(left) < max(FEWEST, SHARE * len(known)):
             break
-        found, known = _exchanged(judge, found, known)
     return found if len(found) > 1 else []
 
 
@@ -97,7 +107,7 @@ def put_together(
 def _right(judge: Judge, index: int, fit: Fit) -> bool:
     """Whether a fit leaves no more at a joint than the law of one cause would."""
     before = judge.case.healthy[index].rms()
-    return fit.rms() < max(ROUGH * judge.joints[index].noise, LEFT * before)
+    return fit.rms() < max(ROUGH * judge.joints[index].noise, ALONE * before)
 
 
 def _probes(judge: Judge, wrong: list[int]) -> list[int]:
@@ -111,7 +121,7 @@ def _probes(judge: Judge, wrong: list[int]) -> list[int]:
     return sorted(sorted(order, key=lambda k: rank[k])[:PROBES])
 
 
-def _ranked(judge: Judge, known: Known, beside: list[Option]) -> list[Option]:
+def _ranked(judge: Judge, known: Fits, beside: list[Option]) -> list[Option]:
     """Causes beside others that are worth it at most joints, best first."""
     count = len(judge.joints)
     never = {c for option in beside for c in covered(option.hypothesis, count)}
@@ -133,41 +143,52 @@ def _ranked(judge: Judge, known: Known, beside: list[Option]) -> list[Option]:
             option = options.setdefault(newest[:2], Option(newest, {}, {}))
             if gain > 0.0:
                 option.gains[index], option.fits[index] = gain, fit
-    common = [
-        option for option in options.values()
-        if sum(gain > LATER for gain in option.gains.values()) > SHARE * len(known)
-    ]  # fmt: skip
+    common = [option for option in options.values() if option.common(len(known))]
     return sorted(common, key=lambda option: -option.gain)
 
 
-def _exchanged(
-    judge: Judge, found: list[list[Option]], known: Known
-) -> tuple[list[list[Option]], Known]:
-    """Causes of which each is the best beside the others; the newest one is so far."""
+def _improved(
+    judge: Judge, found: list[list[Option]], known: Fits
+) -> tuple[list[list[Option]], Fits]:
+    """Causes of which each is the best beside the others; the newest one is so far.
+
+    Another one may take the place of a cause, and one that is worth nothing beside the
+    others is dropped.
+    """
     for _ in range(TURNS):
         moved = False
         for place, (mine, *_) in enumerate(found[:-1]):
             rest = found[:place] + found[place + 1 :]
             base = _without(judge, known, mine.hypothesis.cause)
             options = _ranked(judge, base, [each[0] for each in rest])
-            if not options:
-                continue
-            (best, *_), tried = options, base | options[0].fits
-            better = _total(judge, tried) - _total(judge, known) > BETTER
-            known = tried if better else known
-            if better and best.hypothesis.cause != mine.hypothesis.cause:
-                found, moved = [*rest, options], True
+            mine = _scored(judge, mine, known, base)
+            tried = base | options[0].fits if options else base
+            if options and _total(judge, tried) - _total(judge, known) > BETTER:
+                known, found[place] = tried, options
+                moved = options[0].law != mine.law
+            elif mine.common(len(known)):
+                others = [option for option in options if option.law != mine.law]
+                found[place] = [mine, *others]
+            else:
+                found, known, moved = rest, base, True
+            if moved:
                 break
-            cause = best.hypothesis.cause if better else mine.hypothesis.cause
-            options.sort(key=lambda each: each.hypothesis.cause != cause)
-            if options[0].hypothesis.cause == cause:
-                found[place] = options
         if not moved:
             break
     return found, known
 
 
-def _without(judge: Judge, known: Known, cause: str) -> Known:
+def _scored(judge: Judge, option: Option, known: Fits, base: Fits) -> Option:
+    """A cause as it stands now, over what is known without it."""
+    gains = {
+        k: _nats(judge.joints[k], fit) - _nats(judge.joints[k], base[k])
+        for k, fit in known.items()
+        if any(part.cause == option.hypothesis.cause for part, _ in parts_of(fit))
+    }
+    return option._replace(gains=gains)
+
+
+def _without(judge: Judge, known: Fits, cause: str) -> Fits:
     """The same without a cause, the rest fitted anew."""
 
     def one(index: int) -> Fit:
@@ -189,5 +210,5 @@ def _nats(joint: Joint, fit: Fit) -> float:
     return fits.evidence(joint, fit) - price
 
 
-def _total(judge: Judge, known: Known) -> float:
+def _total(judge: Judge, known: Fits) -> float:
     return sum(_nats(judge.joints[k], fit) for k, fit in known.items())

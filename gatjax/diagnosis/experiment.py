@@ -29,16 +29,21 @@ SETTLE = 1.0  # s at the first target
 def leading(verdict: Verdict) -> list[Claim]:
     """The two explanations to separate: the least sure cause and its best other rival.
 
-    What is named besides is no rival.
+    What is named besides, there or at some of the places, is no rival.
     """
     if verdict.causes:
         least = min(verdict.causes, key=lambda cause: cause.probability)
-        sure = {(c.claim.hypothesis.cause, c.claim.place()) for c in verdict.causes}
-        rivals = (claim for claim, _ in least.rivals)
+        sure: dict[str, set] = {}
+        for cause in verdict.causes:
+            claim = cause.claim
+            sure.setdefault(claim.hypothesis.cause, set()).update(claim.place())
         claims = [
             least.claim,
-            *(c for c in rivals if (c.hypothesis.cause, c.place()) not in sure),
-        ]
+            *(
+                claim for claim, _ in least.rivals
+                if not set(claim.place()) <= sure.get(claim.hypothesis.cause, set())
+            ),
+        ]  # fmt: skip
     else:
         claims = [claim for claim in verdict.last if claim.gain > 0.0]
     named = [claim for claim in claims if claim.hypothesis.cause]
@@ -47,6 +52,33 @@ def leading(verdict: Verdict) -> list[Claim]:
     best = named[0]
     others = [c for c in named[1:] if c.hypothesis.cause != best.hypothesis.cause]
     return [best, *others[:1]]
+
+
+def told(verdict: Verdict, claim: Claim) -> list[Claim]:
+    """A named claim with the others of its cause that have other values; else none."""
+    mine = [cause for cause in verdict.causes if cause.claim is claim]
+    return [
+        cause.claim for cause in verdict.causes
+        if mine and cause.rivals is mine[0].rivals
+    ]  # fmt: skip
+
+
+def sides(verdict: Verdict, claims: list[Claim]) -> list[list[Claim]]:
+    """What the two worlds to compare have: an explanation each, or one and nothing.
+
+    An explanation of most joints has the other causes of the robot beside it.
+    """
+    mine = told(verdict, claims[0]) or claims[:1]
+    joints = len(verdict.judge.joints)
+    whole = sum(len(claim.where) for claim in mine) > max(2, 0.5 * joints)
+    beside = [
+        cause.claim for cause in verdict.causes
+        if whole and len(verdict.causes) > len(mine)
+        and not any(cause.claim is claim for claim in mine)
+    ]  # fmt: skip
+    geared = any(claim.hypothesis.geared for claim in beside)
+    others = [c for c in claims[1:] if not (geared and c.hypothesis.geared)]
+    return [[*beside, *mine], [*beside, *others]]
 
 
 def propose(
@@ -72,13 +104,13 @@ def propose(
     claims = leading(verdict)
     if not claims or not all(joint.servoed for joint in verdict.judge.joints):
         return None
-    named = [_world(verdict, [claim], start, period) for claim in claims]
-    if len(named) == 1:
-        named.append(_world(verdict, [], start, period))
+    pair = sides(verdict, claims)
+    named = [_world(verdict, each, start, period) for each in pair]
     names = [claim.hypothesis.cause for claim in claims] + ["the nominal model"]
     limbs = limbs_of(named[0].model)
     moving = np.zeros(len(limbs.names), bool)
-    moving[sorted({k for claim in claims for k in claim.where})] = True
+    everything = (*claims, *told(verdict, claims[0]))
+    moving[sorted({k for claim in everything for k in claim.where})] = True
     moving |= any(claim.stance is not None for claim in claims)
     lasts = {name: min(SECONDS, motion.seconds) for name, motion in MENU.items()}
     (drawn,) = seeds(SIMULATOR_LOG, seed, 1)  # as `gatjax collect --seed` draws

@@ -94,7 +94,10 @@ class Known:
         return claim
 
     def take(self, claims: list[Claim], known: list[Fit]) -> None:
-        """Take claims about all joints for known, with the fits that they make."""
+        """Take claims about all joints for known, with the fits that they make.
+
+        Joints that these follow to near their noise are not searched any further.
+        """
         self.accepted += claims
         self.known, every = known, range(len(self.joints))
         for _ in range(PASSES):
@@ -108,7 +111,8 @@ class Known:
                 if better < -CHANGED:
                     self.case, self.joints, self.known = old
                 break
-        self.found.clear()
+        pairs = enumerate(zip(self.joints, self.known, strict=True))
+        self.found = {k: [] for k, (j, fit) in pairs if fit.rms() < ASTRAY * j.noise}
 
     def _let_go(self) -> None:
         """Stop drawing joints without a cause that by now can be followed without."""

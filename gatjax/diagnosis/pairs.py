@@ -62,8 +62,8 @@ def couple(judge: Judge, claims: list[Claim], joint: int) -> Couple | None:
     enough = [n for n in order if explained(judge, beside[n]) >= LEAST_SHARE]
     for first in (firsts[n] for n in enough[:JUDGED]):
         trial = judge.fork()
-        known = trial.accept(first)
-        left = [c for c in trial.claims() if not again(c, [known], count)]
+        trial.accept(first)
+        left = [c for c in trial.claims() if not again(c, trial.accepted, count)]
         worth = (c for c in left if joint in c.fits and worth_naming(trial, c))
         second = next(worth, None)
         if second is not None and whole(trial, second):
@@ -86,6 +86,8 @@ def _beside(judge: Judge, first: Claim, index: int) -> Claim:
     joint = changed(judge.case, first, index, judge.joints[index])
     count = len(judge.joints)
     never = covered(first.hypothesis, count) | set(WHOLE if count > 1 else ())
+    for claim in judge.accepted:
+        never |= covered(claim.hypothesis, count) if index in claim.where else set()
     bank = tuple(h for h in of_drive(joint, CAUSES) if h.cause not in never)
     found = search.proposals(joint, first.fits[index], bank)
     best = max(found, key=lambda fit: judge.score(index, fit, joint))

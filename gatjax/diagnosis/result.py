@@ -102,10 +102,20 @@ def cause_row(verdict: Verdict, cause: Cause, seed: int) -> dict[str, Any]:
 
 
 def candidates(verdict: Verdict) -> list[dict[str, Any]]:
-    """Everything that was weighed, one cause after the other, best first."""
-    rows = []
+    """Everything that was weighed, one cause after the other, best first.
+
+    A cause with several values was weighed once, in the step of the first of them.
+    """
+    rows: list[dict[str, Any]] = []
+    groups: dict[int, list[tuple[int, Cause]]] = {}
     for number, cause in enumerate(verdict.causes, start=1):
-        everything = [(cause.claim, cause.probability), *cause.rivals]
+        groups.setdefault(id(cause.rivals), []).append((number, cause))
+    for (number, cause), *rest in groups.values():
+        others = [other for _, other in rest]
+        gain = cause.claim.gain + sum(other.claim.gain for other in others)
+        where = sum((other.claim.where for other in others), cause.claim.where)
+        first = cause.claim._replace(gain=gain, where=where)
+        everything = [(first, cause.probability), *cause.rivals]
         for claim, probability in everything[:SHOWN]:
             row = _candidate(verdict, claim) | {"probability": round(probability, 4)}
             rows.append(row | {"step": number})

@@ -122,13 +122,14 @@ def decide(judge: Judge) -> Verdict:
 
 def _everywhere(judge: Judge) -> list[Cause]:
     """The causes of a whole robot that is wrong in several ways, taken for known."""
-    found = everywhere.causes(judge)
+    found, known = agreed.valued(judge, everywhere.causes(judge))
     if not found:
         return []
-    values, known = agreed.valued(judge, [options[0] for options in found])
-    judge.take([claim for claims in values for claim in claims], known)
+    judge.take([claim for each in found for claim in each.claims], known)
     every, out = tuple(range(len(judge.joints))), []
-    for options, claims in zip(found, values, strict=True):
+    told = {each.options[0].hypothesis.cause for each in found}
+    for options, claims in found:
+        mine = options[0].hypothesis.cause
         rows = [
             Claim(
                 option.hypothesis,
@@ -136,11 +137,15 @@ def _everywhere(judge: Judge) -> list[Cause]:
                 every, option.fits, option.gain,
             )
             for option in options
+            if option.hypothesis.cause not in told - {mine}
         ]  # fmt: skip
         cause = _weighed(judge, rows[0], rows)
-        mine = alias(rows[0].hypothesis, len(every)) - {rows[0].hypothesis.cause}
-        alike = sorted(mine | set(cause.equivalent))  # no fit of six joints parts these
-        out += [cause._replace(claim=claim, equivalent=alike) for claim in claims]
+        others = alias(rows[0].hypothesis, len(every)) - {mine}
+        alike = sorted(others | set(cause.equivalent))  # six joints' fits part nothing
+        for claim in claims:
+            settled = {k: judge.known[k] for k in claim.where}
+            claim = claim._replace(fits=settled)
+            out.append(cause._replace(claim=claim, equivalent=alike))
     judge.most += len(out)
     return out
 

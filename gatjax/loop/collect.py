@@ -42,11 +42,13 @@ def collect(setting: Setting, robot: Robot, name: str, theta: Array) -> Recordin
 def collect_motion(
     setting: Setting, robot: Player, name: str, seconds: float
 ) -> Recording:
-    """Record the robot standing and playing a motion of the menu, once."""
-    path = setting.folder / "recordings" / f"explain_{name}.parquet"
+    """Record the robot, standing or hung, playing a motion of the menu, once."""
+    limbs = robot.limbs()
+    base = "standing" if limbs.floating else "hung"
+    path = setting.folder / "recordings" / f"explain_{base}_{name}.parquet"
     if not path.exists():
-        setting.progress.stage(f"collect the motion {name} of {robot.name}")
-        limbs, motion, number = robot.limbs(), MENU[name], list(MENU).index(name)
+        setting.progress.stage(f"collect the motion {name} of {robot.name}, {base}")
+        motion, number = MENU[name], list(MENU).index(name)
         moving = chosen(limbs, ())
         drawn = seeds(EXPLANATION, setting.settings.seed, len(MENU))
         play = Play(

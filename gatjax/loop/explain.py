@@ -123,7 +123,9 @@ def extended(setting: Setting) -> World:
     """
     folder = setting.folder / "diagnosis"
     found, _ = read_world(folder / "world.json", setting.task)
-    if not found.causes:
+    hung = found.source == HUNG
+    rows = [row for row in found.causes if not (hung and row["cause"] == MOUNTING)]
+    if not rows:
         raise ValueError(
             "the diagnosis changes nothing: GAT after it would be GAT alone"
         )
@@ -139,9 +141,7 @@ def extended(setting: Setting) -> World:
             f"better (error {gain['before']:.3g} to {gain['after']:.3g} rad)"
         )
     world = setting.world
-    for row in found.causes:
-        if row["cause"] == MOUNTING and found.source == HUNG:
-            continue
+    for row in rows:
         role = row.get("role", "cause")
         world = add_cause(world, row["cause"], row["where"], row["values"], role)
     keys = jax.random.split(setting.key(2, 0), STABILITY_ROLLOUTS)

@@ -118,6 +118,11 @@ def check_walker(model: mujoco.MjModel, name: str) -> None:
             f"{name}: only a NAO can walk; gatjax collect --motion rich --robot "
             f"simulator --world records motions of any other robot"
         )
+    if model.jnt_type[0] != mujoco.mjtJoint.mjJNT_FREE:
+        raise ValueError(
+            f"{name}: this NAO hangs and cannot walk; use a world of the model nao "
+            f"(of a run with --explain: its extended.json)"
+        )
 
 
 def _sensor(model: mujoco.MjModel, kind: int) -> slice:

@@ -46,6 +46,7 @@ LINE = "command."  # prefix of the delay lines
 FLOOR_BASE = 0.1  # m, thickness of the floor under its lowest point
 ROOT = 6  # degrees of freedom of the torso
 HELD = 1e9  # kg, kg m^2: inertia that holds a torso where it is
+CLOSE = 1e-15  # the solver's tolerance beside it, which goes by the mean inertia
 
 
 def _numbers(*values: float | int) -> str:
@@ -251,6 +252,7 @@ class HungFlock(Flock):
     def _built(body_seed: int) -> mujoco.MjModel:
         model = mujoco.MjModel.__copy__(_model(body_seed))
         model.dof_armature[:ROOT] = HELD
+        model.opt.tolerance = CLOSE
         mujoco.mj_setConst(model, mujoco.MjData(model))
         return model
 
