@@ -234,8 +234,8 @@ def main() -> None:
             f"{row['case']} {row['robot']:9s} {row['verdict']:9s} "
             f"{len(row['found'])} of {len(row['visible'])} "
             f"({', '.join(row['visible'])}); not there: "
-            f"{wrong or '-'}; offset "
-            f"{row['offset_found']}; {np.degrees(row['before']):.2f} -> {np.degrees(row['after']):.3f} deg; "
+            f"{wrong or '-'}; offset {row['offset_found']}; "
+            f"{np.degrees(row['before']):.2f} -> {np.degrees(row['after']):.3f} deg, "
             f"{row['seconds']:.0f} s", flush=True,
         )  # fmt: skip
 

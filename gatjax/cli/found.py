@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+MANY = 4  # values of a cause that are told in one row
 HEADINGS = ("cause", "where", "value", "90 % interval", "probability", "could also be")
 
 
@@ -15,18 +16,51 @@ def named_lines(causes: Sequence[Mapping[str, Any]]) -> list[str]:
     if not causes:
         return []
     rows: list[Sequence[str]] = [HEADINGS]
-    for cause in causes:
+    for cause in _together(causes):
         head = (str(cause["cause"]), ", ".join(cause["where"]))
         tail = (f"{cause['probability']:.2f}", ", ".join(cause["equivalent"]) or "-")
         for name, entry in cause["parameters"].items():
             unit = "" if entry["unit"] == "1" else f" {entry['unit']}"
-            value = f"{name} {entry['value']:.3g}{unit}"
+            sizes = entry["values"] if "values" in entry else [entry["value"]]
+            value = f"{name} {' to '.join(f'{one:.3g}' for one in sizes)}{unit}"
             ends = f"{entry['low']:.3g} to {entry['high']:.3g}"
             if entry["low"] == entry["high"]:
                 ends = ""  # says which variant, was not measured
             rows.append((*head, value, ends, *tail))
             head, tail = ("", ""), ("", "")
     return aligned(rows)
+
+
+def _together(causes: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """The causes; one that has many values in one row, with the least and the largest.
+
+    The intervals reach from the lowest end to the highest; diagnosis.json has each.
+    """
+    laws: dict[tuple, list[Mapping[str, Any]]] = {}
+    for cause in causes:
+        laws.setdefault((cause["cause"], cause.get("variant")), []).append(cause)
+    rows: list[Mapping[str, Any]] = []
+    for group in laws.values():
+        if len(group) < MANY:
+            rows += group
+            continue
+        sizes = {name: [c["parameters"][name] for c in group]
+                 for name in group[0]["parameters"]}  # fmt: skip
+        parameters = {
+            name: {
+                "values": [f(each["value"] for each in some) for f in (min, max)],
+                "low": min(each["low"] for each in some),
+                "high": max(each["high"] for each in some), "unit": some[0]["unit"],
+            }
+            for name, some in sizes.items()
+        }  # fmt: skip
+        where = [place for cause in group for place in cause["where"]]
+        rows.append({
+            **group[0], "parameters": parameters,
+            "where": [*where[:3], f"{len(where) - 3} more"],
+            "probability": min(cause["probability"] for cause in group),
+        })  # fmt: skip
+    return rows
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> list[str]:

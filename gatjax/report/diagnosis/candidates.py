@@ -28,7 +28,7 @@ def candidate_table(diagnosis: Diagnosis) -> str:
     if not every:
         return section(HEADING, "<p>No candidates were written.</p>")
     steps = [list(group) for _, group in groupby(every, lambda each: each.step)]
-    groups = "".join(_group(group, diagnosis) for group in steps)
+    groups = "".join(_group(g, n, diagnosis) for n, g in enumerate(steps, start=1))
     more = sum(max(0, len(group) - SHOWN) for group in steps)
     note = f"{more} weaker candidates are in diagnosis.json. " if more else ""
     note += (
@@ -37,17 +37,18 @@ def candidate_table(diagnosis: Diagnosis) -> str:
         "among the candidates of one cause, 3 less is 4.5 times less likely, 7 less 33 "
         "times."
     )
-    body = f"<div class=scroll><table><thead>{HEAD}</thead>{groups}</table></div>"
+    table = f"<table class=weighed><thead>{HEAD}</thead>{groups}</table>"
+    body = f"<div class=scroll>{table}</div>"
     return section(HEADING, f"{body}<p class=note>{note}</p>")
 
 
-def _group(group: list[Cause], diagnosis: Diagnosis) -> str:
+def _group(group: list[Cause], number: int, diagnosis: Diagnosis) -> str:
     """What was weighed for one cause, the best few; or beside all of them."""
     first, causes = group[0], diagnosis.causes
     named = causes[first.step - 1] if 0 < first.step <= len(causes) else None
     words = "Weighed besides, not named" if causes else "Weighed, not named"
     if named is not None:
-        words = f"Cause {first.step}"
+        words = f"Cause {number}"
     rest = diagnosis.part("unexplained")
     where = texts_of(rest.get("where")) if rest.get("significant") else []
     left = not set(where).isdisjoint(first.where)

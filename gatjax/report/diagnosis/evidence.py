@@ -7,7 +7,7 @@ import math
 from gatjax.report.diagnosis.bars import location_picture, signal_picture
 from gatjax.report.diagnosis.frame import bar, folded, gallery, key, picture
 from gatjax.report.diagnosis.quantities import degrees, interval, portion, size, title
-from gatjax.report.diagnosis.read import Diagnosis, Joint, number_in
+from gatjax.report.diagnosis.read import Cause, Diagnosis, Joint, number_in
 from gatjax.report.sections import section
 from gatjax.report.wording import DASH, escape, number, percent
 
@@ -57,14 +57,10 @@ def sentence(diagnosis: Diagnosis) -> str:
 
 def cards(diagnosis: Diagnosis) -> list[str]:
     """Key numbers: causes, their probability, held-out gain, what is left."""
-    boxes = []
-    for cause in diagnosis.causes[:3]:
-        main = cause.values[0] if cause.values else None
-        value = size(main.value, main.unit) if main else DASH
-        words = [f"{interval(main)} (90 %)"] if main and interval(main) else []
-        if math.isfinite(cause.probability):
-            words.append(f"probability {percent(cause.probability)}")
-        boxes.append(_card("gat", title(cause), value, ", ".join(words)))
+    laws: dict[tuple[str, str], list[Cause]] = {}
+    for cause in diagnosis.causes:
+        laws.setdefault((cause.name, cause.variant), []).append(cause)
+    boxes = [_cause_card(group) for group in list(laws.values())[:3]]
     gain = diagnosis.part("gain")
     before, after = number_in(gain, "before"), number_in(gain, "after")
     if before > 0.0 and math.isfinite(after):
@@ -85,6 +81,22 @@ def cards(diagnosis: Diagnosis) -> list[str]:
             _card("other", "left unexplained in fit logs", percent(share), found)
         )
     return boxes
+
+
+def _cause_card(causes: list[Cause]) -> str:
+    """A cause with its size, or with the sizes that it has at several places."""
+    first = causes[0]
+    mains = sorted(cause.values[0] for cause in causes if cause.values)
+    sizes = [size(main.value, main.unit) for main in (*mains[:1], *mains[-1:])]
+    words = [f"{interval(mains[0])} (90 %)"] if mains and interval(mains[0]) else []
+    if len(causes) > 1:
+        words = [f"{len(causes)} values"]
+    sure = min(cause.probability for cause in causes)
+    if math.isfinite(sure):
+        words.append(f"probability {percent(sure)}")
+    where = [joint for cause in causes for joint in cause.where]
+    value = " to ".join(dict.fromkeys(sizes)) or DASH
+    return _card("gat", title(first._replace(where=where)), value, ", ".join(words))
 
 
 def _card(colour: str, label: str, value: str, words: str) -> str:
