@@ -227,6 +227,22 @@ def test_the_table_of_causes():
     assert named_lines([]) == []
 
 
+def test_a_cause_with_many_values_is_one_row():
+    def at(joint, size):
+        ends = {"value": size, "low": 0.9 * size, "high": 1.1 * size, "unit": "N*m"}
+        rest = {"cause": "coulomb_friction", "variant": "", "equivalent": []}
+        return rest | {
+            "where": [joint], "parameters": {"torque": ends}, "probability": size,
+        }  # fmt: skip
+
+    many = [at(joint, 0.1 * n) for n, joint in enumerate("abcde", start=4)]
+    _, row, other, *_ = named_lines([*many, CAUSE])
+    for text in ("a, b, c, 2 more", "torque 0.4 to 0.8 N*m", "0.36 to 0.88", "0.40"):
+        assert text in row
+    assert "command_delay" in other
+    assert len(named_lines(many[:3])) == 4
+
+
 def test_the_gain_is_said_only_where_it_was_measured():
     assert "give logs" in gain_lines(None, False)[0]
     assert "falls at the start" in gain_lines(None, True)[0]

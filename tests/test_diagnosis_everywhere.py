@@ -7,6 +7,9 @@ from gatjax.data.recording import write_recording
 from gatjax.diagnosis import everywhere
 from gatjax.diagnosis.case import held, prepare
 from gatjax.diagnosis.diagnose import Logs, given
+from gatjax.diagnosis.everywhere import Option
+from gatjax.diagnosis.fit import Fit
+from gatjax.diagnosis.hypotheses import Hypothesis
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.start import Start
 from gatjax.diagnosis.tolerances import USUAL
@@ -104,3 +107,77 @@ def test_the_joints_are_explained_to_near_the_noise(verdict):
 
 def test_what_one_cause_may_explain_is_left_to_the_usual_way(tmp_path):
     assert everywhere.causes(judged(tmp_path, late)) == []
+
+
+def fit(words):
+    """A fit of some causes; only their names matter."""
+    law = Hypothesis("", words, lambda *_: None, (), (), (), (), lambda *_: {})
+    none = np.zeros(0)
+    return Fit(law, none, 0.0, none, np.zeros((0, 0)), np.zeros((0, 0)), 1.0, True)
+
+
+def option(cause, gain, after=""):
+    law = Hypothesis(cause, "", lambda *_: None, (), (), (), (), lambda *_: {})
+    return Option(law, {0: gain}, {0: fit(after)})
+
+
+class Story:
+    """One joint whose evidence is told for every set of causes, as for "lag delay"."""
+
+    def __init__(self, monkeypatch, nats, ranked):
+        self.nats, self.ranked = nats, ranked
+
+        def words(known):
+            return known[0].hypothesis.variant
+
+        def without(judge, known, cause):
+            return {0: fit(" ".join(c for c in words(known).split() if c != cause))}
+
+        def scored(judge, option, known, base):
+            return option._replace(gains={0: nats[words(known)] - nats[words(base)]})
+
+        self.words = words
+        for name, function in {
+            "_without": without, "_scored": scored,
+            "_total": lambda judge, known: nats[words(known)],
+            "_ranked": lambda judge, known, beside: ranked.get(words(known), []),
+        }.items():  # fmt: skip
+            monkeypatch.setattr(everywhere, name, function)
+
+    def improved(self, *found):
+        """The causes that are left, each with what was weighed in its place."""
+        known = {0: fit(" ".join(cause for cause, _ in found))}
+        start = [[option(cause, gain)] for cause, gain in found]
+        left, known = everywhere._improved(object.__new__(Judge), start, known)
+        rows = [[each.hypothesis.cause for each in rows] for rows in left]
+        return rows, self.words(known)
+
+
+def test_a_cause_gives_way_to_one_that_explains_more_beside_the_others(monkeypatch):
+    nats = {"gain delay": 300.0, "delay": 100.0, "delay rub": 400.0, "rub": 50.0}
+    ranked = {"delay": [option("rub", 300.0, "delay rub"), option("gain", 200.0)]}
+    story = Story(monkeypatch, nats, ranked)
+    causes, known = story.improved(("gain", 200.0), ("delay", 100.0))
+    assert causes == [["rub", "gain"], ["delay"]] and known == "delay rub"
+
+
+def test_a_cause_stays_where_another_one_explains_hardly_more(monkeypatch):
+    nats = {"gain delay": 300.0, "delay": 100.0, "delay rub": 302.0}
+    ranked = {"delay": [option("rub", 202.0, "delay rub"), option("gain", 190.0)]}
+    story = Story(monkeypatch, nats, ranked)
+    causes, known = story.improved(("gain", 200.0), ("delay", 100.0))
+    assert causes == [["gain", "rub"], ["delay"]] and known == "gain delay"
+
+
+@pytest.mark.parametrize("worth, kept", [(9.0, ["delay"]), (11.0, ["lag", "delay"])])
+def test_a_cause_that_is_worth_nothing_any_more_is_dropped(monkeypatch, worth, kept):
+    nats = {"lag delay": 100.0 + worth, "delay": 100.0}
+    story = Story(monkeypatch, nats, {})
+    causes, _ = story.improved(("lag", 80.0), ("delay", 60.0))
+    assert [first for first, *_ in causes] == kept
+
+
+def test_a_cause_is_of_the_robot_only_if_it_is_worth_it_at_most_joints():
+    few = option("stiction", 0.0)._replace(gains={0: 500.0, 1: 9.0, 2: 9.0})
+    assert not few.common(3)
+    assert few._replace(gains={0: 11.0, 1: 11.0}).common(3)

@@ -377,6 +377,21 @@ def test_joints_that_got_worse_are_told(tmp_path):
     assert "It predicts elbow worse than before." in Text(page).all
 
 
+def test_a_cause_with_several_values_has_one_card(tmp_path):
+    def at(joint, size):
+        ends = {"value": size, "low": 0.9 * size, "high": 1.1 * size, "unit": "N*m"}
+        return {
+            "cause": "coulomb_friction", "variant": "", "where": [joint],
+            "parameters": {"torque": ends}, "probability": 0.97, "equivalent": [],
+            "borne_out": True, "log_evidence": 9.0,
+        }  # fmt: skip
+
+    page = edited(tmp_path, causes=[at("hip", 0.5), at("knee", 0.3), at("toe", 0.4)])
+    (card,) = re.findall(r"<div style=.--mark: var\(--gat\).>.*?</div>", page)
+    for text in ("at hip, knee, toe", "0.3 N m to 0.5 N m", "3 values", "97 %"):
+        assert text in card
+
+
 def test_sizes_that_show_are_told_in_their_direction(pages):
     text = Text(pages["named"]).all
     assert "below 0.93" in text and "below 8.97 N m" in text and "3 ms" in text
