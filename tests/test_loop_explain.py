@@ -9,8 +9,12 @@ import pytest
 from short_walks import SHORT
 
 from gatjax import loop, runs
+from gatjax.data.recording import read_recording
 from gatjax.diagnosis.start import Start
+from gatjax.grounding import prediction
+from gatjax.grounding.learn import read_grounding, with_alpha
 from gatjax.loop import explain
+from gatjax.loop.ground import helpful
 from gatjax.loop.setting import Setting
 from gatjax.robot.model import HUNG
 from gatjax.settings import LoopSettings, SearchSettings
@@ -149,6 +153,33 @@ def test_the_true_cause_explains_most_of_the_error(run):
         for method in ("none", "explained")
     }
     assert before["explained"] < 0.3 * before["none"]
+
+
+def test_gat_does_not_spoil_what_the_diagnosis_explained(run):
+    rows = [
+        row for row in runs.read_table(run[0] / "prediction.csv")
+        if row["method"] == "explained" and row["horizon_s"] > 0.1
+    ]  # fmt: skip
+    before, after = (
+        np.sqrt(np.mean([row[name] ** 2 for row in rows]))
+        for name in ("before_rad", "after_rad")
+    )
+    assert after < 1.2 * before
+
+
+def test_a_correction_is_taken_as_far_as_it_helps(robot, run, monkeypatch):
+    grounding = read_grounding(run[0] / "grounding/explained_0")
+    world, _ = read_world(run[0] / "extended.json", SHORT)
+    log = read_recording(run[0] / "recordings/robot_0.parquet")
+
+    def errors(backend, values, windows, step):
+        (alpha,) = {float(a) for a in np.ravel(values.command["grounding"].alpha)}
+        return {("LKneePitch", step): alpha, ("LKneePitch", 0.5): abs(alpha - 0.3)}
+
+    monkeypatch.setattr(prediction, "errors", errors)
+    whole = with_alpha(grounding, 1.0)
+    assert helpful(world, whole, log, 0).facts["alpha"] == 0.3
+    assert helpful(world, with_alpha(whole, 0.0), log, 0).facts["alpha"] == 0.0
 
 
 def test_a_run_that_is_done_is_not_diagnosed_again(run, robot, tmp_path, monkeypatch):

@@ -73,6 +73,30 @@ def stable(
     return grounders.largest_stable_alpha(grounding, falls)
 
 
+def helpful(
+    world: World, grounding: grounders.Grounding, robot: Recording, seed: int
+) -> grounders.Grounding:
+    """Choose how much of a correction predicts the robot best half a second ahead.
+
+    A simulator that a diagnosis extended may need none. The trajectories are those that
+    the correction was learned from: held-out ones stay unseen.
+    """
+    seen, _ = split_by_trajectory(robot.trajectory, HELD_OUT, seed)
+    step = world.task.control_period
+    windows = prediction.cut(world, robot, seen, WINDOWS, seed)
+    backend = prepare(grounders.grounded(world, grounding), "native")
+    most = grounding.facts.get("alpha", 0.0)
+
+    def error(candidate: grounders.Grounding) -> float:
+        values = grounders.grounded(world, candidate).values
+        found = prediction.errors(backend, values, windows, step)
+        return sum(rms**2 for (_, ahead), rms in found.items() if ahead > step)
+
+    shares = [alpha for alpha in grounders.ALPHAS if alpha <= most]
+    tried = [grounders.with_alpha(grounding, alpha) for alpha in shares]
+    return min(tried, key=error, default=grounding)
+
+
 def count_falls(backend: Backend, values: Values, theta: Array, keys: Array) -> int:
     """How many walks with keys [N] end in a fall, or in numbers that are not finite."""
     result = pairs(backend.outcome, values, theta[None], keys)
@@ -125,6 +149,8 @@ def ground(
     seed, world = setting.settings.seed, entry.world
     grounding = learn_grounding(world, entry.grounder, *logs, seed)
     grounding = stable(world, grounding, theta, setting.key(2, iteration))
+    if world.causes:
+        grounding = helpful(world, grounding, logs[0], seed)
     facts = {"method": entry.name, "iteration": iteration}
     rows = [facts | row for row in predictions(world, grounding, logs[0], seed)]
     runs.add_rows(setting.folder / "prediction.csv", rows)
