@@ -15,16 +15,15 @@ from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.case import mapped
 from gatjax.diagnosis.claims import (
     LATER,
-    PLACE,
     WHOLE,
     Claim,
-    occam,
+    price,
     shared_value,
     uncertainty,
 )
-from gatjax.diagnosis.everywhere import Option, parts_of, put_together
+from gatjax.diagnosis.everywhere import Option
 from gatjax.diagnosis.findings import VISIBLE
-from gatjax.diagnosis.fit import Fit
+from gatjax.diagnosis.fit import Fit, parts_of, put_together, refitted
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, pinned
 from gatjax.diagnosis.judge import Judge
 
@@ -74,10 +73,7 @@ def _agreed(
 ) -> tuple[list[list[Claim]], list[Fit]]:
     """The claims of each cause, and the fits of all joints."""
     hypotheses = [option.hypothesis for option in options]
-    guesses = [
-        shared_value(list(option.fits.values()), option.hypothesis)
-        for option in options
-    ]
+    guesses = [option.own for option in options]
 
     def one(index: int) -> Fit:
         joint, parts = judge.joints[index], list(zip(hypotheses, guesses, strict=True))
@@ -86,17 +82,14 @@ def _agreed(
         return fits.improve(joint, [min(tried, key=lambda fit: fit.cost)], FREE)[0]
 
     free = mapped(one, range(len(judge.joints)))
-    known, claims, first = free, [], COUNT
+    known, claims = free, []
     for number, hypothesis in enumerate(hypotheses):
-        count = len(hypothesis.low)
-        sure = [uncertainty([fit], count, first) for fit in free]
         tried = [
-            _divided(judge, known, number, sure, groups)
+            _divided(judge, known, free, number, groups)
             for groups in _divisions(judge, hypothesis)
         ]
         _, mine, known = max(tried, key=lambda each: each[0])
         claims.append(mine)
-        first += count
     return [_weighed(judge, known, n, mine) for n, mine in enumerate(claims)], known
 
 
@@ -114,48 +107,33 @@ def _divisions(judge: Judge, hypothesis: Hypothesis) -> list[list[Group]]:
 
 
 def _divided(
-    judge: Judge, known: list[Fit], number: int, sure: list[np.ndarray | None],
-    groups: list[Group],
-) -> tuple[float, list[Claim], list[Fit]]:  # fmt: skip
+    judge: Judge, known: list[Fit], free: list[Fit], number: int, groups: list[Group]
+) -> tuple[float, list[Claim], list[Fit]]:
     """Nats, claims and fits where groups of joints have one value of a cause each.
 
-    The causes before it have given values already: its coordinates come first. `sure`
-    is the covariance of each joint's own value, all causes free.
+    The causes before it have given values already: its coordinates come first.
+    How sure a value is, fits tell in which all causes are `free`.
     """
     claims = []
+    first = COUNT + sum(len(own) for _, own in parts_of(free[0])[:number])
     held: dict[int, Hypothesis] = {}
     for group in groups:
         part, _ = parts_of(known[group[0]])[number]
         own = shared_value([known[k] for k in group], part, COUNT)
-        each = [np.linalg.pinv(c) for k in group if (c := sure[k]) is not None]
-        covariance = np.linalg.pinv(np.sum(each, axis=0)) if each else None
-        claims.append(Claim(part, own, group, {}, 0.0, covariance=covariance))
+        sure = uncertainty([free[k] for k in group], len(own), first)
+        claims.append(Claim(part, own, group, {}, 0.0, covariance=sure))
         held |= dict.fromkeys(group, pinned(part, own))
 
     def one(index: int) -> Fit:
         parts = parts_of(known[index])
         parts[number] = held[index], np.zeros(0)
-        return _refitted(judge, index, known[index], parts)
+        return refitted(judge.joints[index], known[index], parts, HELD)
 
     fitted = mapped(one, range(len(known)))
     pairs = zip(judge.joints, fitted, strict=True)
     nats = sum(fits.evidence(*pair) for pair in pairs)
-    return nats - sum(_price(judge, claim) for claim in claims), claims, fitted
-
-
-def _price(judge: Judge, claim: Claim) -> float:
-    """What a value and its places cost, in nats."""
-    places = 1 if len(claim.where) == len(judge.joints) else len(claim.where)
-    return occam(claim.hypothesis, claim.own, claim.covariance) + PLACE * places
-
-
-def _refitted(
-    judge: Judge, index: int, fit: Fit, parts: list[tuple[Hypothesis, np.ndarray]]
-) -> Fit:
-    """A joint's fit with other causes, from the tolerances that it had."""
-    joint = judge.joints[index]
-    first = fits.start(joint, [put_together(fit.x[:COUNT], parts)])
-    return fits.improve(joint, first, HELD)[0]
+    nats -= sum(price(claim, len(fitted)) for claim in claims)
+    return nats, claims, fitted
 
 
 def _weighed(
@@ -167,14 +145,14 @@ def _weighed(
         fit, joint = known[index], judge.joints[index]
         parts = parts_of(fit)
         del parts[number]
-        without = _refitted(judge, index, fit, parts)
+        without = refitted(joint, fit, parts, HELD)
         return fits.evidence(joint, fit) - fits.evidence(joint, without)
 
     gains = mapped(lost, range(len(known)))
     return [
         claim._replace(
             fits={k: known[k] for k in claim.where},
-            gain=sum(gains[k] for k in claim.where) - _price(judge, claim),
+            gain=sum(gains[k] for k in claim.where) - price(claim, len(judge.joints)),
         )
         for claim in claims
     ]

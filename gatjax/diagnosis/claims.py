@@ -106,6 +106,15 @@ def occam(
     return max(price, PRICE * count)
 
 
+def price(claim: Claim, joints: int) -> float:
+    """What a claim's value and its places cost, in nats, of a robot with some joints.
+
+    All joints together are one place.
+    """
+    places = 1 if len(claim.where) == joints else len(claim.where)
+    return occam(claim.hypothesis, claim.own, claim.covariance) + PLACE * places
+
+
 def shared_value(
     free: list[Fit], hypothesis: Hypothesis, first: int | None = None
 ) -> np.ndarray:

@@ -17,10 +17,17 @@ from gatjax.diagnosis import search
 from gatjax.diagnosis.aliases import covered
 from gatjax.diagnosis.bank import CAUSES, of_drive
 from gatjax.diagnosis.case import mapped
-from gatjax.diagnosis.claims import LATER, PLACE, SHARED, occam, uncertainty
+from gatjax.diagnosis.claims import (
+    LATER,
+    PLACE,
+    SHARED,
+    occam,
+    shared_value,
+    uncertainty,
+)
 from gatjax.diagnosis.findings import ROUGH
-from gatjax.diagnosis.fit import Fit
-from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined
+from gatjax.diagnosis.fit import Fit, parts_of, refitted
+from gatjax.diagnosis.hypotheses import COUNT, Hypothesis
 from gatjax.diagnosis.joint import Joint
 from gatjax.diagnosis.judge import Judge
 
@@ -44,6 +51,11 @@ class Option(NamedTuple):
     def gain(self) -> float:
         """Nats, all of these joints together."""
         return sum(self.gains.values())
+
+    @property
+    def own(self) -> np.ndarray:
+        """Coordinates of the cause that these joints agree on."""
+        return shared_value(list(self.fits.values()), self.hypothesis)
 
     @property
     def law(self) -> tuple[str, str]:
@@ -83,25 +95,6 @@ def causes(judge: Judge) -> list[list[Option]]:
         if len(found) == 1 and len(left) < max(FEWEST, SHARE * len(known)):
             break
     return found if len(found) > 1 else []
-
-
-def parts_of(fit: Fit) -> list[tuple[Hypothesis, np.ndarray]]:
-    """The causes of a fit with their coordinates."""
-    owner, out, first = fit.hypothesis, [], COUNT
-    for part in () if owner is None else owner.parts or (owner,):
-        out.append((part, fit.x[first : first + len(part.low)]))
-        first += len(part.low)
-    return out
-
-
-def put_together(
-    x: np.ndarray, parts: list[tuple[Hypothesis, np.ndarray]]
-) -> tuple[Hypothesis | None, np.ndarray]:
-    """Tolerances x [COUNT] and causes as a point to fit from."""
-    owner = None
-    for part, _ in parts:
-        owner = combined(owner, part)
-    return owner, np.concatenate([x, *(own for _, own in parts)])
 
 
 def _right(judge: Judge, index: int, fit: Fit) -> bool:
@@ -194,8 +187,7 @@ def _without(judge: Judge, known: Fits, cause: str) -> Fits:
     def one(index: int) -> Fit:
         fit, joint = known[index], judge.joints[index]
         parts = [(h, own) for h, own in parts_of(fit) if h.cause != cause]
-        first = fits.start(joint, [put_together(fit.x[:COUNT], parts)])
-        return fits.improve(joint, first, REFITTING)[0]
+        return refitted(joint, fit, parts, REFITTING)
 
     return dict(zip(known, mapped(one, known), strict=True))
 

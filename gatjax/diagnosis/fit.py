@@ -16,6 +16,7 @@ from gatjax.diagnosis.hypotheses import (
     BOUND,
     COUNT,
     Hypothesis,
+    combined,
     information,
     numbers,
 )
@@ -60,6 +61,25 @@ def spread(joint: Joint) -> float:
 
 
 Point = tuple[Hypothesis | None, np.ndarray]
+
+
+def parts_of(fit: Fit) -> list[tuple[Hypothesis, np.ndarray]]:
+    """The causes of a fit with their coordinates."""
+    owner, out, first = fit.hypothesis, [], COUNT
+    for part in () if owner is None else owner.parts or (owner,):
+        out.append((part, fit.x[first : first + len(part.low)]))
+        first += len(part.low)
+    return out
+
+
+def put_together(
+    x: np.ndarray, parts: list[tuple[Hypothesis, np.ndarray]]
+) -> tuple[Hypothesis | None, np.ndarray]:
+    """Tolerances x [COUNT] and causes as a point to fit from."""
+    owner = None
+    for part, _ in parts:
+        owner = combined(owner, part)
+    return owner, np.concatenate([x, *(own for _, own in parts)])
 
 
 def scatter(joint: Joint, plain: Fit) -> float:
@@ -226,3 +246,11 @@ def improve(joint: Joint, fits: list[Fit], iterations: int) -> list[Fit]:
             else:
                 fits[k] = fit._replace(age=BORROWED)
     return fits
+
+
+def refitted(
+    joint: Joint, fit: Fit, parts: list[tuple[Hypothesis, np.ndarray]], rounds: int
+) -> Fit:
+    """A joint's fit with other causes, from the tolerances that it had."""
+    first = start(joint, [put_together(fit.x[:COUNT], parts)])
+    return improve(joint, first, rounds)[0]

@@ -20,6 +20,7 @@ from gatjax.diagnosis.claims import (
     Claim,
     occam,
     outdone,
+    price,
     shared_value,
     uncertainty,
 )
@@ -219,10 +220,9 @@ class Judge(Known):
         sure: np.ndarray | None,
     ) -> Claim:  # fmt: skip
         """A claim about several joints."""
-        places = 1 if len(mine) == len(self.joints) else len(mine)
         gain = sum(self.score(k, fit) for k, fit in mine.items())
-        gain -= occam(hypothesis, own, sure) + PLACE * places
-        return Claim(hypothesis, own, tuple(mine), mine, gain, covariance=sure)
+        claim = Claim(hypothesis, own, tuple(mine), mine, gain, covariance=sure)
+        return claim._replace(gain=gain - price(claim, len(self.joints)))
 
     def _groups(self, suspects: list[int]) -> set[tuple[int, ...]]:
         """All joints, the suspects, and joints with the same motor as a suspect."""

@@ -33,9 +33,7 @@ Mine = TypeVar("Mine", bound="Known")
 
 def astray(joint: Joint, fit: Fit) -> float:
     """Times the noise that a joint leaves which cannot be followed open loop."""
-    owner = fit.hypothesis
-    parts = () if owner is None else owner.parts or (owner,)
-    causes = {part.cause for part in parts} | joint.assumed.named
+    causes = {part.cause for part, _ in fits.parts_of(fit)} | joint.assumed.named
     return PARTED if GAP in causes else ASTRAY
 
 
@@ -99,13 +97,11 @@ class Known:
         Joints that these follow to near their noise are not searched any further.
         """
         self.accepted += claims
-        self.known, every = known, range(len(self.joints))
+        self.known = known
         for _ in range(PASSES):
             old = self.case, self.joints, self.known
             total = self.evidence()
-            self.case = along(self.case, self.joints, self.known)
-            self.joints = self.altered(self.case)
-            self.known = mapped(self._again, every)
+            self._weigh()
             better = self.evidence() - total
             if better < CHANGED:
                 if better < -CHANGED:
@@ -142,13 +138,11 @@ class Known:
             claim: to settle, accepted already.
             prior: what was known about each joint before it.
         """
-        every, odd = range(len(self.joints)), self._odd(claim.fits)
+        odd = self._odd(claim.fits)
         for _ in range(PASSES if len(self.joints) > 1 else 0):
             old = claim, self.case, self.joints, self.known
             total = self.evidence(odd)
-            self.case = along(self.case, self.joints, self.known)
-            self.joints = self.altered(self.case)
-            self.known = mapped(self._again, every)
+            self._weigh()
             claim = self._agreed(claim, prior, odd)
             better = self.evidence(odd) - total
             if better < -CHANGED:
@@ -157,6 +151,12 @@ class Known:
             if better < CHANGED and not claim.moved(old[0]):
                 break
         return claim
+
+    def _weigh(self) -> None:
+        """Weigh loads along the motion that the fits make, and fit again on them."""
+        self.case = along(self.case, self.joints, self.known)
+        self.joints = self.altered(self.case)
+        self.known = mapped(self._again, range(len(self.joints)))
 
     def _agreed(self, claim: Claim, prior: list[Fit], odd: int | None) -> Claim:
         """A claim at the value that its joints agree on now, all but an odd one."""
@@ -232,14 +232,11 @@ class Known:
             return claim
         (index,) = claim.fits
         fit, first = self.known[index], COUNT
-        owner = fit.hypothesis
-        for part in () if owner is None else owner.parts or (owner,):
-            size = len(part.low)
-            if (part.cause, part.variant, size) == (*claim.hypothesis[:2], count):
+        for part, own in fits.parts_of(fit):
+            if (part.cause, part.variant, len(own)) == (*claim.hypothesis[:2], count):
                 sure = uncertainty([fit], count, first)
-                own = fit.x[first : first + size]
                 return claim._replace(own=own, fits={index: fit}, covariance=sure)
-            first += size
+            first += len(own)
         return claim
 
     def refitted(self, claim: Claim) -> Claim:

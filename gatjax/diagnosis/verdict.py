@@ -10,7 +10,7 @@ import numpy as np
 from gatjax.diagnosis import agreed, everywhere, pairs
 from gatjax.diagnosis import case as cases
 from gatjax.diagnosis.aliases import again, alias
-from gatjax.diagnosis.claims import LATER, Claim, shared_value
+from gatjax.diagnosis.claims import LATER, Claim
 from gatjax.diagnosis.findings import adequate, whole, worth_naming
 from gatjax.diagnosis.hypotheses import COUNT
 from gatjax.diagnosis.judge import Judge
@@ -131,11 +131,7 @@ def _everywhere(judge: Judge) -> list[Cause]:
     for options, claims in found:
         mine = options[0].hypothesis.cause
         rows = [
-            Claim(
-                option.hypothesis,
-                shared_value(list(option.fits.values()), option.hypothesis),
-                every, option.fits, option.gain,
-            )
+            Claim(option.hypothesis, option.own, every, option.fits, option.gain)
             for option in options
             if option.hypothesis.cause not in told - {mine}
         ]  # fmt: skip
