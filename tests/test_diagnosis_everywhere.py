@@ -177,6 +177,23 @@ def test_a_cause_that_is_worth_nothing_any_more_is_dropped(monkeypatch, worth, k
     assert [first for first, *_ in causes] == kept
 
 
+def test_it_begins_with_the_pair_that_explains_most_together(monkeypatch):
+    nats = {"": 0.0, "gain": 200.0, "limit": 190.0, "gain rub": 300.0}
+    nats |= {"limit lag": 500.0, "lag": 150.0, "rub": 120.0, "sag": 90.0}
+    first = [option("gain", 200.0, "gain"), option("limit", 190.0, "limit")]
+    far = option("sag", 90.0, "sag")
+    beside = {"gain": "rub", "limit": "lag", "sag": "delay"}
+    ranked = {"": [*first, far]}
+    for law, other in beside.items():
+        ranked[law] = [option(other, 100.0, f"{law} {other}")]
+    monkeypatch.setattr(everywhere, "_few", lambda judge, known: False)
+    monkeypatch.setattr(Judge, "tell", lambda *_: None, raising=False)
+    story = Story(monkeypatch, nats, ranked)
+    found, known = everywhere._begun(object.__new__(Judge), {0: fit("")})
+    assert [each[0].hypothesis.cause for each in found] == ["limit", "lag"]
+    assert story.words(known) == "limit lag"  # "sag delay" is not even asked for
+
+
 def test_a_cause_is_of_the_robot_only_if_it_is_worth_it_at_most_joints():
     few = option("stiction", 0.0)._replace(gains={0: 500.0, 1: 9.0, 2: 9.0})
     assert not few.common(3)

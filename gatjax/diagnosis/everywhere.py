@@ -34,6 +34,10 @@ from gatjax.diagnosis.judge import Judge
 FEWEST, SHARE = 3, 0.5  # joints that are wrong at least, and their share of all
 ALONE = 0.05  # of its rms misfit, that a single cause may leave at a joint
 PROBES = 6  # joints that are looked at
+FIRSTS, NEAR = (
+    4,
+    0.75,
+)  # first causes that are tried, and their gain over the best one's
 MOST = 6  # causes
 TURNS = 3  # of exchanges after each new cause
 BETTER = 3.0  # nats that an exchange has to bring
@@ -82,19 +86,47 @@ def causes(judge: Judge) -> list[list[Option]]:
     wrong = [k for k in every if not _right(judge, k, judge.known[k])]
     if len(wrong) < max(FEWEST, SHARE * len(every)):
         return []
-    known = {k: judge.known[k] for k in _probes(judge, wrong)}
-    found: list[list[Option]] = []
-    for turn in range(MOST):
-        judge.tell("everywhere", turn / MOST)
+    found, known = _begun(judge, {k: judge.known[k] for k in _probes(judge, wrong)})
+    while 1 < len(found) < MOST:
+        judge.tell("everywhere", len(found) / MOST)
         options = _ranked(judge, known, [each[0] for each in found])
         if not options:
             break
-        known = known | options[0].fits
-        found, known = _improved(judge, [*found, options], known)
-        left = [k for k, fit in known.items() if not _right(judge, k, fit)]
-        if len(found) == 1 and len(left) < max(FEWEST, SHARE * len(known)):
+        before = len(found)
+        found, known = _improved(judge, [*found, options], known | options[0].fits)
+        if len(found) <= before:
             break
     return found if len(found) > 1 else []
+
+
+def _begun(judge: Judge, known: Fits) -> tuple[list[list[Option]], Fits]:
+    """The two causes that explain most together, fewer if one is enough or none helps.
+
+    What explains most alone may be no cause at all: each of the first few is tried with
+    the best one beside it.
+    """
+    judge.tell("everywhere", 0.0)
+    firsts = _ranked(judge, known, [])
+    if not firsts or _few(judge, known | firsts[0].fits):
+        return [], known
+    tried = []
+    for turn, option in enumerate(firsts[:FIRSTS]):
+        if option.gain > NEAR * firsts[0].gain:
+            judge.tell("everywhere", (turn + 1) / (FIRSTS + 1) / MOST)
+            alone = known | option.fits
+            seconds = _ranked(judge, alone, [option])
+            both = alone | seconds[0].fits if seconds else alone
+            rivals = [rival for rival in firsts if rival is not option]
+            found = [[option, *rivals], *([seconds] if seconds else [])]
+            tried.append((_total(judge, both), found, both))
+    _, found, both = max(tried, key=lambda each: each[0])
+    return _improved(judge, found, both)
+
+
+def _few(judge: Judge, known: Fits) -> bool:
+    """Whether few joints are left that are wrong."""
+    left = [k for k, fit in known.items() if not _right(judge, k, fit)]
+    return len(left) < max(FEWEST, SHARE * len(known))
 
 
 def _right(judge: Judge, index: int, fit: Fit) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 
 from gatjax.diagnosis import fit as fits
@@ -12,7 +14,7 @@ from gatjax.diagnosis.joint import Joint
 STARTS = 2  # of each hypothesis that are refined
 KEPT = (40, 12, 6, 4)  # hypotheses after each round
 ROUNDS = (1, 2, 3, 5)  # iterations in each round
-PROPOSED, TURNS = (40, 12), (1, 4)  # the same, where another judge weighs them
+PROPOSED = ((60, 3, 1), (24, 2, 2), (12, 1, 3))  # fits, a law, and iterations, a round
 RIVALS = 8  # fits that are returned; those that were dropped are not at their best
 SURE, BEHIND = 2, 40.0  # iterations until fits so many nats behind are dropped
 PROMISING = 2.0  # nats: less is nothing
@@ -153,12 +155,16 @@ def explain(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
 
 
 def proposals(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
-    """Fits of promising hypotheses, best first, not at their best yet."""
+    """Fits of promising hypotheses, best first, not at their best yet.
+
+    A start that changes little looks best at first and may lead nowhere: laws keep
+    several for some iterations.
+    """
     found, calm = _started(joint, base, bank)
     if calm:
         return _best(found, KEPT[-1])
-    for kept, rounds in zip(PROPOSED, TURNS, strict=True):
-        found = fits.improve(joint, _best(found, kept), rounds)
+    for kept, each, rounds in PROPOSED:
+        found = fits.improve(joint, _best(found, kept, each), rounds)
     return _best(found, RIVALS)
 
 
@@ -203,10 +209,13 @@ def _unsuspicious(joint: Joint, base: Fit, gains: list[float]) -> bool:
     return calm and max(gains) < PROMISING
 
 
-def _best(found: list[Fit], kept: int) -> list[Fit]:
-    """The best fit of each hypothesis, best first, so many of them."""
-    chosen: dict[tuple, Fit] = {}
+def _best(found: list[Fit], kept: int, each: int = 1) -> list[Fit]:
+    """The best fits, best first, so many of them, and of each hypothesis."""
+    chosen, seen = [], Counter()
     for fit in sorted(found, key=lambda fit: fit.cost):
         assert fit.hypothesis is not None
-        chosen.setdefault((fit.hypothesis.cause, fit.hypothesis.variant), fit)
-    return list(chosen.values())[:kept]
+        law = fit.hypothesis.cause, fit.hypothesis.variant
+        seen[law] += 1
+        if seen[law] <= each:
+            chosen.append(fit)
+    return chosen[:kept]

@@ -1,0 +1,51 @@
+"""Proposals: which starts of a law are followed, and for how long."""
+
+import numpy as np
+import pytest
+
+from gatjax.diagnosis import fit as fits
+from gatjax.diagnosis import search
+from gatjax.diagnosis.fit import Fit
+from gatjax.diagnosis.hypotheses import Hypothesis
+from gatjax.diagnosis.joint import Joint
+
+
+def begun(cause, cost, floor):
+    """A start of a law at a cost, that iterations bring down to a floor."""
+    law = Hypothesis(cause, "", lambda *_: None, (), (), (), (), lambda *_: {})
+    none = np.zeros(0)
+    return Fit(law, np.array([floor]), cost, none, np.zeros((0, 0)), none, 1.0, True)
+
+
+@pytest.fixture
+def descent(monkeypatch):
+    """Every iteration halves what is left above a start's floor."""
+
+    def improve(joint, found, rounds):
+        return [
+            fit._replace(cost=fit.x[0] + (fit.cost - fit.x[0]) * 0.5**rounds)
+            for fit in found
+        ]
+
+    monkeypatch.setattr(fits, "improve", improve)
+
+    def proposed(*found):
+        monkeypatch.setattr(search, "_started", lambda *_: (list(found), False))
+        return search.proposals(tuple.__new__(Joint), found[0], ())
+
+    return proposed
+
+
+def test_a_start_that_looks_worse_and_leads_further_is_followed(descent):
+    stuck, good = begun("gain_error", 10.0, 9.9), begun("gain_error", 30.0, 1.0)
+    other = begun("load_friction", 20.0, 8.0)
+    best, second = descent(stuck, good, other)
+    assert (best.hypothesis.cause, best.x[0]) == ("gain_error", 1.0)
+    assert second.hypothesis.cause == "load_friction"
+
+
+def test_each_law_is_proposed_once_and_eight_at_most(descent):
+    many = [begun(f"law{k}", 10.0 + k + n, 0.1 * k) for k in range(12) for n in (0, 1)]
+    found = descent(*many)
+    names = [fit.hypothesis.cause for fit in found]
+    assert len(names) == len(set(names)) == search.RIVALS
