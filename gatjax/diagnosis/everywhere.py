@@ -1,9 +1,10 @@
 """Causes of a whole robot, where most joints are wrong and no single cause is enough.
 
 What explains such a robot best alone need not be one of its causes: a soft servo can
-stand for a delay, friction and a speed limit together. So causes are added by what they
-explain at all joints together, and after each one every other is looked for anew beside
-the rest, until none changes (stepwise selection with exchange, a group a cause).
+stand for a delay, friction and a speed limit together. So the pair that explains most
+together comes first, causes are added by what they explain at all joints together, and
+after each one every other is looked for anew beside the rest, until none changes
+(stepwise selection with exchange, a group a cause).
 """
 
 from __future__ import annotations
@@ -34,10 +35,7 @@ from gatjax.diagnosis.judge import Judge
 FEWEST, SHARE = 3, 0.5  # joints that are wrong at least, and their share of all
 ALONE = 0.05  # of its rms misfit, that a single cause may leave at a joint
 PROBES = 6  # joints that are looked at
-FIRSTS, NEAR = (
-    4,
-    0.75,
-)  # first causes that are tried, and their gain over the best one's
+FIRSTS, NEAR = 4, 0.75  # causes tried as the first of two, and least share of gain
 MOST = 6  # causes
 TURNS = 3  # of exchanges after each new cause
 BETTER = 3.0  # nats that an exchange has to bring
