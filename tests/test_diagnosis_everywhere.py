@@ -125,6 +125,7 @@ class Story:
     """One joint whose evidence is told for every set of causes, as for "lag delay"."""
 
     def __init__(self, monkeypatch, nats, ranked):
+        nats = {"": 0.0} | nats
         self.nats, self.ranked = nats, ranked
 
         def words(known):
@@ -161,9 +162,31 @@ def test_a_cause_gives_way_to_one_that_explains_more_beside_the_others(monkeypat
     assert causes == [["rub", "gain"], ["delay"]] and known == "delay rub"
 
 
-def test_a_cause_stays_where_another_one_explains_hardly_more(monkeypatch):
-    nats = {"gain delay": 300.0, "delay": 100.0, "delay rub": 302.0}
-    ranked = {"delay": [option("rub", 202.0, "delay rub"), option("gain", 190.0)]}
+def test_the_newest_cause_is_looked_for_again_after_an_exchange(monkeypatch):
+    nats = {"gain delay": 500.0, "delay": 100.0, "delay rub": 900.0, "rub": 400.0}
+    nats |= {"rub lag": 940.0, "lag": 150.0}
+    ranked = {
+        "delay": [option("rub", 800.0, "delay rub")],
+        "rub": [option("lag", 540.0, "rub lag"), option("delay", 500.0, "delay rub")],
+    }
+    story = Story(monkeypatch, nats, ranked)
+    causes, known = story.improved(("gain", 400.0), ("delay", 100.0))
+    assert [first for first, *_ in causes] == ["rub", "lag"] and known == "rub lag"
+
+
+def test_another_takes_the_place_of_a_cause_of_few_joints(monkeypatch):
+    nats = {"spot delay": 900.0, "delay": 400.0, "delay rub": 700.0, "rub": 100.0}
+    story = Story(monkeypatch, nats, {"delay": [option("rub", 300.0, "delay rub")]})
+    seen = Option.common
+    spot = lambda mine, joints: mine.hypothesis.cause != "spot" and seen(mine, joints)  # noqa: E731
+    monkeypatch.setattr(Option, "common", spot)
+    causes, known = story.improved(("spot", 500.0), ("delay", 400.0))
+    assert causes == [["rub"], ["delay"]] and known == "delay rub"
+
+
+def test_a_cause_stays_where_no_other_one_explains_more(monkeypatch):
+    nats = {"gain delay": 300.0, "delay": 100.0, "delay rub": 299.0}
+    ranked = {"delay": [option("rub", 199.0, "delay rub"), option("gain", 190.0)]}
     story = Story(monkeypatch, nats, ranked)
     causes, known = story.improved(("gain", 200.0), ("delay", 100.0))
     assert causes == [["gain", "rub"], ["delay"]] and known == "gain delay"

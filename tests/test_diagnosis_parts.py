@@ -249,6 +249,22 @@ def test_losses_that_change_nothing_do_not_count():
     assert even["probability"] == pytest.approx(0.3, abs=0.08)  # all changes are equal
 
 
+def test_a_cause_of_a_fit_is_put_last_with_all_that_is_its_own():
+    rows = [by_cause(name) for name in ("dead_band", "speed_limit", "gain_error")]
+    owner, x = fits.put_together(
+        np.arange(COUNT),
+        [(h, 100.0 * n + np.arange(len(h.low))) for n, h in enumerate(rows)],
+    )
+    slopes = np.arange(3.0 * len(x)).reshape(3, -1)
+    fit = Fit(owner, x, 1.0, np.zeros(3), slopes, slopes.T @ slopes, 1.0, True)
+    moved = fits.with_last(fit, rows[0].cause)
+    causes = [part.cause for part, _ in fits.parts_of(moved)]
+    assert causes == [rows[1].cause, rows[2].cause, rows[0].cause]
+    assert moved.x[-1] == 0.0 and sorted(moved.x) == sorted(x)
+    np.testing.assert_array_equal(moved.slopes[:, -1], slopes[:, COUNT])
+    np.testing.assert_allclose(moved.information, moved.slopes.T @ moved.slopes)
+
+
 class Asked(Case):
     """A case of which no more is known than the commands."""
 

@@ -6,6 +6,7 @@ from test_diagnosis_plant import joint, wave
 
 from gatjax.diagnosis.bank import CAUSES, OTHERS
 from gatjax.diagnosis.claims import Claim, Stance
+from gatjax.diagnosis.experiment import sides
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.result import SHOWN, candidates, sentence
@@ -50,6 +51,31 @@ def test_a_candidate_has_its_numbers_and_the_step_it_was_weighed_in():
     }  # fmt: skip
     assert (rival["cause"], rival["step"]) == ("first_order_lag", 1)
     assert (second["cause"], second["step"]) == ("command_delay", 2)
+
+
+def test_a_cause_with_several_values_is_one_candidate_of_no_one_size():
+    rivals = [(LAG._replace(fits={}), 0.03)]
+    causes = [Cause(DRY, 0.96, rivals, []), Cause(DRY, 0.96, rivals, [])]
+    first, rival = candidates(verdict(causes))
+    assert first["log_evidence"] == 2 * DRY.gain and first["where"] == ["elbow"] * 2
+    assert first["parameters"] == {} and first["rms"] is None
+    assert rival["cause"] == "first_order_lag" and rival["rms"] is None
+
+
+def test_a_rival_that_cannot_stand_beside_the_others_is_not_compared():
+    geared = DRY.hypothesis._replace(cause="joint_elasticity", geared=True)
+    gap = DRY._replace(hypothesis=geared._replace(cause="backlash"))
+    late = DELAY._replace(where=(0, 1, 2))  # at most joints
+    causes = [Cause(late, 0.7, [], []), Cause(gap, 0.9, [], [])]
+    elastic = LAG._replace(hypothesis=geared)
+    first, second, names = sides(verdict(causes), [late, elastic])
+    assert [claim.hypothesis.cause for claim in first] == ["backlash", "command_delay"]
+    assert [claim.hypothesis.cause for claim in second] == ["backlash"]
+    assert names == ("command_delay", "no command_delay")
+    _, second, names = sides(verdict(causes), [late, LAG])
+    assert second[-1] is LAG and names == ("command_delay", "first_order_lag")
+    alone = sides(verdict(causes[:1]), [DELAY])
+    assert alone.second == [] and alone.names[1] == "the nominal model"
 
 
 def test_what_was_weighed_beside_the_named_causes_is_there_too():

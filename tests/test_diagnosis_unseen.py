@@ -120,6 +120,14 @@ def test_the_word_for_causes_beside_what_is_unexplained(left, chances, expected)
     assert word(causes, list(left)) == expected
 
 
+def test_a_cause_with_values_at_many_joints_is_no_guess_where_one_is_unexplained():
+    first = told("backlash", (0,), (0,)).causes[0]
+    more = [first._replace(claim=first.claim._replace(where=(k,))) for k in (1, 2, 3)]
+    assert word([first, *more], [0]) == "named"
+    alone = [cause._replace(rivals=[]) for cause in (first, *more)]
+    assert word(alone, [0]) == "ambiguous"
+
+
 @pytest.mark.parametrize(("left", "where", "probability"), [
     ((), (0,), 1.0), ((0,), (0,), 0.5), ((1,), (0,), 1.0), ((0,), (0, 1, 2, 3), 1.0),
 ])  # fmt: skip

@@ -108,7 +108,8 @@ class Diagnose:
     map: Path | None = None
     """YAML map of the logs' column names, units and signs."""
     tolerances: Path | None = None
-    """JSON of how far the model's numbers may be off, where that is not as usual."""
+    """JSON of how far the model's numbers may be off, where that is not as usual, such
+    as {"mass": 0.1, "angle": 0.01}: shares, and rad; docs/diagnosis.md lists all."""
     seed: int = 0
     """Of all that is drawn: robots within the tolerances, intervals, the motion of the
     next experiment."""

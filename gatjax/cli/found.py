@@ -22,7 +22,8 @@ def named_lines(causes: Sequence[Mapping[str, Any]]) -> list[str]:
         for name, entry in cause["parameters"].items():
             unit = "" if entry["unit"] == "1" else f" {entry['unit']}"
             sizes = entry["values"] if "values" in entry else [entry["value"]]
-            value = f"{name} {' to '.join(f'{one:.3g}' for one in sizes)}{unit}"
+            ends = dict.fromkeys(f"{one:.3g}" for one in sizes)
+            value = f"{name} {' to '.join(ends)}{unit}"
             ends = f"{entry['low']:.3g} to {entry['high']:.3g}"
             if entry["low"] == entry["high"]:
                 ends = ""  # says which variant, was not measured

@@ -27,7 +27,7 @@ from gatjax.diagnosis.claims import (
     uncertainty,
 )
 from gatjax.diagnosis.findings import ROUGH
-from gatjax.diagnosis.fit import Fit, parts_of, refitted
+from gatjax.diagnosis.fit import Fit, parts_of, refitted, with_last
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis
 from gatjax.diagnosis.joint import Joint
 from gatjax.diagnosis.judge import Judge
@@ -38,7 +38,6 @@ PROBES = 6  # joints that are looked at
 FIRSTS, NEAR = 4, 0.75  # causes tried as the first of two, and least share of gain
 MOST = 6  # causes
 TURNS = 3  # of exchanges after each new cause
-BETTER = 3.0  # nats that an exchange has to bring
 REFITTING = 8  # iterations of a joint that a cause was taken from
 
 
@@ -85,16 +84,18 @@ def causes(judge: Judge) -> list[list[Option]]:
     if len(wrong) < max(FEWEST, SHARE * len(every)):
         return []
     found, known = _begun(judge, {k: judge.known[k] for k in _probes(judge, wrong)})
-    while 1 < len(found) < MOST:
+    while 0 < len(found) < MOST:
         judge.tell("everywhere", len(found) / MOST)
-        options = _ranked(judge, known, [each[0] for each in found])
+        beside = [each[0] for each in found]
+        options = _ranked(judge, known, beside)
         if not options:
             break
-        before = len(found)
         found, known = _improved(judge, [*found, options], known | options[0].fits)
-        if len(found) <= before:
+        if {each[0].law for each in found} <= {option.law for option in beside}:
             break
-    return found if len(found) > 1 else []
+    if len(found) < 2:
+        return []
+    return [[_current(mine, known), *rivals] for mine, *rivals in found]
 
 
 def _begun(judge: Judge, known: Fits) -> tuple[list[list[Option]], Fits]:
@@ -178,18 +179,19 @@ def _improved(
     Another one may take the place of a cause, and one that is worth nothing beside the
     others is dropped.
     """
-    for _ in range(TURNS):
-        moved = False
-        for place, (mine, *_) in enumerate(found[:-1]):
+    for turn in range(TURNS):
+        moved, looked = False, found[:-1] if turn == 0 else found
+        for place, (mine, *_) in enumerate(looked):
             rest = found[:place] + found[place + 1 :]
             base = _without(judge, known, mine.hypothesis.cause)
             options = _ranked(judge, base, [each[0] for each in rest])
             mine = _scored(judge, mine, known, base)
             tried = base | options[0].fits if options else base
-            if options and _total(judge, tried) - _total(judge, known) > BETTER:
+            few, worth = not mine.common(len(known)), _total(judge, known)
+            if options and (few or _total(judge, tried) > worth):
                 known, found[place] = tried, options
                 moved = options[0].law != mine.law
-            elif mine.common(len(known)):
+            elif not few:
                 others = [option for option in options if option.law != mine.law]
                 found[place] = [mine, *others]
             else:
@@ -209,6 +211,16 @@ def _scored(judge: Judge, option: Option, known: Fits, base: Fits) -> Option:
         if any(part.cause == option.hypothesis.cause for part, _ in parts_of(fit))
     }
     return option._replace(gains=gains)
+
+
+def _current(option: Option, known: Fits) -> Option:
+    """A cause with its values beside all others."""
+    cause = option.hypothesis.cause
+    fits = {
+        k: with_last(fit, cause) for k, fit in known.items()
+        if any(part.cause == cause for part, _ in parts_of(fit))
+    }  # fmt: skip
+    return option._replace(fits=fits)
 
 
 def _without(judge: Judge, known: Fits, cause: str) -> Fits:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -63,8 +63,16 @@ def told(verdict: Verdict, claim: Claim) -> list[Claim]:
     ]  # fmt: skip
 
 
-def sides(verdict: Verdict, claims: list[Claim]) -> list[list[Claim]]:
-    """What the two worlds to compare have: an explanation each, or one and nothing.
+class Sides(NamedTuple):
+    """Two worlds to compare."""
+
+    first: list[Claim]
+    second: list[Claim]
+    names: tuple[str, str]  # of what they differ by
+
+
+def sides(verdict: Verdict, claims: list[Claim]) -> Sides:
+    """An explanation beside another one, or beside none.
 
     An explanation of most joints has the other causes of the robot beside it.
     """
@@ -78,7 +86,9 @@ def sides(verdict: Verdict, claims: list[Claim]) -> list[list[Claim]]:
     ]  # fmt: skip
     geared = any(claim.hypothesis.geared for claim in beside)
     others = [c for c in claims[1:] if not (geared and c.hypothesis.geared)]
-    return [[*beside, *mine], [*beside, *others]]
+    other = f"no {claims[0].hypothesis.cause}" if beside else "the nominal model"
+    names = [claim.hypothesis.cause for claim in (claims[0], *others)] + [other]
+    return Sides([*beside, *mine], [*beside, *others], (names[0], names[1]))
 
 
 def propose(
@@ -104,9 +114,8 @@ def propose(
     claims = leading(verdict)
     if not claims or not all(joint.servoed for joint in verdict.judge.joints):
         return None
-    pair = sides(verdict, claims)
-    named = [_world(verdict, each, start, period) for each in pair]
-    names = [claim.hypothesis.cause for claim in claims] + ["the nominal model"]
+    first, second, names = sides(verdict, claims)
+    named = [_world(verdict, each, start, period) for each in (first, second)]
     limbs = limbs_of(named[0].model)
     moving = np.zeros(len(limbs.names), bool)
     everything = (*claims, *told(verdict, claims[0]))
@@ -132,15 +141,17 @@ def propose(
     ]
     return {
         "motion": chosen,
-        "separates": names[:2],
+        "separates": list(names),
         "joints": joints,
         "command": shlex.join(words),
         "separation": round(separation, 2),
-        "why": _why(verdict, MENU[chosen].title, names[:2], separation),
+        "why": _why(verdict, MENU[chosen].title, names, separation),
     }
 
 
-def _why(verdict: Verdict, motion: str, pair: list[str], separation: float) -> str:
+def _why(
+    verdict: Verdict, motion: str, pair: tuple[str, str], separation: float
+) -> str:
     """What a motion is good for."""
     words = (
         f"{motion.capitalize()}: the predictions of "

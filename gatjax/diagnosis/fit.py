@@ -72,6 +72,22 @@ def parts_of(fit: Fit) -> list[tuple[Hypothesis, np.ndarray]]:
     return out
 
 
+def with_last(fit: Fit, cause: str) -> Fit:
+    """The same fit with one of its causes as the last one."""
+    parts = parts_of(fit)
+    place = next(n for n, (part, _) in enumerate(parts) if part.cause == cause)
+    first = COUNT + sum(len(own) for _, own in parts[:place])
+    last = first + len(parts[place][1])
+    order = np.r_[:first, last : len(fit.x), first:last]
+    owner, x = put_together(
+        fit.x[:COUNT], [*parts[:place], *parts[place + 1 :], parts[place]]
+    )
+    return fit._replace(
+        hypothesis=owner, x=x, slopes=fit.slopes[:, order],
+        information=fit.information[np.ix_(order, order)],
+    )  # fmt: skip
+
+
 def put_together(
     x: np.ndarray, parts: list[tuple[Hypothesis, np.ndarray]]
 ) -> tuple[Hypothesis | None, np.ndarray]:

@@ -104,7 +104,8 @@ def cause_row(verdict: Verdict, cause: Cause, seed: int) -> dict[str, Any]:
 def candidates(verdict: Verdict) -> list[dict[str, Any]]:
     """Everything that was weighed, one cause after the other, best first.
 
-    A cause with several values was weighed once, in the step of the first of them.
+    A cause with several values was weighed once, in the step of the first of them; the
+    values themselves are told with the cause.
     """
     rows: list[dict[str, Any]] = []
     groups: dict[int, list[tuple[int, Cause]]] = {}
@@ -115,10 +116,12 @@ def candidates(verdict: Verdict) -> list[dict[str, Any]]:
         gain = cause.claim.gain + sum(other.claim.gain for other in others)
         where = sum((other.claim.where for other in others), cause.claim.where)
         first = cause.claim._replace(gain=gain, where=where)
+        first = first._replace(fits={}) if others else first
         everything = [(first, cause.probability), *cause.rivals]
         for claim, probability in everything[:SHOWN]:
             row = _candidate(verdict, claim) | {"probability": round(probability, 4)}
-            rows.append(row | {"step": number})
+            several = {"parameters": {}} if others and claim is first else {}
+            rows.append(row | several | {"step": number})
     if len(verdict.causes) == verdict.judge.most:
         return rows  # nothing was weighed after these
     law = [] if verdict.law is None else [verdict.law]

@@ -138,10 +138,15 @@ def _everywhere(judge: Judge) -> list[Cause]:
         cause = _weighed(judge, rows[0], rows)
         others = alias(rows[0].hypothesis, len(every)) - {mine}
         alike = sorted(others | set(cause.equivalent))  # six joints' fits part nothing
+        more = sum(claim.gain for claim in claims) - rows[0].gain  # than its probes say
+        rivals = [
+            (rival._replace(gain=rival.gain + more, fits={}), share)
+            for rival, share in cause.rivals
+        ]
         for claim in claims:
             settled = {k: judge.known[k] for k in claim.where}
             claim = claim._replace(fits=settled)
-            out.append(cause._replace(claim=claim, equivalent=alike))
+            out.append(cause._replace(claim=claim, rivals=rivals, equivalent=alike))
     judge.most += len(out)
     return out
 
@@ -253,7 +258,7 @@ def doubted(verdict: Verdict) -> Verdict:
     """
     causes = []
     for cause in verdict.causes:
-        most = 0.5 if _guess(cause, verdict.unexplained) else 1.0
+        most = 0.5 if _guess(cause, verdict.causes, verdict.unexplained) else 1.0
         causes.append(cause._replace(probability=min(cause.probability, most)))
     return verdict._replace(causes=causes)
 
@@ -263,7 +268,9 @@ def word(causes: list[Cause], left: list[int]) -> str:
 
     What is wrong at other joints takes nothing from a cause that is sure.
     """
-    sure = [c for c in causes if c.probability >= CERTAIN and not _guess(c, left)]
+    sure = [
+        c for c in causes if c.probability >= CERTAIN and not _guess(c, causes, left)
+    ]  # fmt: skip
     if left and not sure:
         return "unknown"
     if not causes:
@@ -271,10 +278,11 @@ def word(causes: list[Cause], left: list[int]) -> str:
     return "named" if len(sure) == len(causes) else "ambiguous"
 
 
-def _guess(cause: Cause, left: list[int]) -> bool:
-    """Whether a cause leaves its own joint unexplained."""
-    where = set(cause.claim.where)
-    return bool(where & set(left)) and len(where) < MANY
+def _guess(cause: Cause, causes: list[Cause], left: list[int]) -> bool:
+    """Whether a cause, with all of its values, leaves one of few joints unexplained."""
+    values = [c.claim for c in causes if c.rivals is cause.rivals]
+    bad = set(cause.claim.where) & set(left)
+    return bool(bad) and sum(len(claim.where) for claim in values) < MANY
 
 
 def _weighed(judge: Judge, best: Claim, claims: list[Claim]) -> Cause:

@@ -3,6 +3,7 @@
 from gatjax.loop.evaluate import evaluate
 from gatjax.loop.ground import (
     ground,
+    helpful,
     learn_grounding,
     predictions,
     stable,
@@ -23,6 +24,7 @@ __all__ = [
     "Simulator",
     "evaluate",
     "ground",
+    "helpful",
     "learn_grounding",
     "optimise",
     "predictions",

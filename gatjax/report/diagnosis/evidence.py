@@ -18,6 +18,7 @@ BADGES = {
     "unknown": ("unclear", "real, but nothing in the catalogue explains it"),
 }
 MOST_JOINTS = 30
+CARDS = 6  # causes with a box of their own
 
 
 def head(diagnosis: Diagnosis) -> str:
@@ -60,7 +61,10 @@ def cards(diagnosis: Diagnosis) -> list[str]:
     laws: dict[tuple[str, str], list[Cause]] = {}
     for cause in diagnosis.causes:
         laws.setdefault((cause.name, cause.variant), []).append(cause)
-    boxes = [_cause_card(group) for group in list(laws.values())[:3]]
+    boxes = [_cause_card(group) for group in list(laws.values())[:CARDS]]
+    if len(laws) > CARDS:
+        more = [title(group[0]) for group in list(laws.values())[CARDS:]]
+        boxes.append(_card("other", "besides", f"{len(more)} more", ", ".join(more)))
     gain = diagnosis.part("gain")
     before, after = number_in(gain, "before"), number_in(gain, "after")
     if before > 0.0 and math.isfinite(after):
