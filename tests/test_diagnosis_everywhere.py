@@ -200,21 +200,28 @@ def test_a_cause_that_is_worth_nothing_any_more_is_dropped(monkeypatch, worth, k
     assert [first for first, *_ in causes] == kept
 
 
-def test_it_begins_with_the_pair_that_explains_most_together(monkeypatch):
-    nats = {"": 0.0, "gain": 200.0, "limit": 190.0, "gain rub": 300.0}
-    nats |= {"limit lag": 500.0, "lag": 150.0, "rub": 120.0, "sag": 90.0}
+@pytest.mark.parametrize("third, expected", [
+    (60.0, ["limit", "lag"]), (200.0, ["gain", "rub", "delay"])
+])  # fmt: skip
+def test_it_begins_with_the_causes_that_explain_most_together(
+    monkeypatch, third, expected
+):
+    nats = {"gain": 200.0, "limit": 190.0, "gain rub": 420.0, "limit lag": 500.0}
+    nats |= {"lag": 150.0, "rub": 120.0, "rub delay": 220.0, "gain delay": 280.0}
+    nats["gain rub delay"] = 420.0 + third
     first = [option("gain", 200.0, "gain"), option("limit", 190.0, "limit")]
-    far = option("sag", 90.0, "sag")
-    beside = {"gain": "rub", "limit": "lag", "sag": "delay"}
-    ranked = {"": [*first, far]}
-    for law, other in beside.items():
-        ranked[law] = [option(other, 100.0, f"{law} {other}")]
+    ranked = {
+        "": [*first, option("sag", 90.0, "sag")],  # too far behind to be asked for more
+        "gain": [option("rub", 220.0, "gain rub")],
+        "limit": [option("lag", 310.0, "limit lag")],
+        "gain rub": [option("delay", third, "gain rub delay")],
+    }
     monkeypatch.setattr(everywhere, "_few", lambda judge, known: False)
     monkeypatch.setattr(Judge, "tell", lambda *_: None, raising=False)
-    story = Story(monkeypatch, nats, ranked)
+    story = Story(monkeypatch, nats | {"sag": 90.0}, ranked)
     found, known = everywhere._begun(object.__new__(Judge), {0: fit("")})
-    assert [each[0].hypothesis.cause for each in found] == ["limit", "lag"]
-    assert story.words(known) == "limit lag"  # "sag delay" is not even asked for
+    assert [each[0].hypothesis.cause for each in found] == expected
+    assert story.words(known) == " ".join(expected)
 
 
 def test_a_cause_is_of_the_robot_only_if_it_is_worth_it_at_most_joints():

@@ -1,10 +1,10 @@
 """Causes of a whole robot, where most joints are wrong and no single cause is enough.
 
 What explains such a robot best alone need not be one of its causes: a soft servo can
-stand for a delay, friction and a speed limit together. So the pair that explains most
-together comes first, causes are added by what they explain at all joints together, and
-after each one every other is looked for anew beside the rest, until none changes
-(stepwise selection with exchange, a group a cause).
+stand for a delay, friction and a speed limit together. So several starts are followed
+to three causes, more are added to the best of them by what they explain at all joints
+together, and after each one every other is looked for anew beside the rest, until none
+changes (beam search, then stepwise selection with exchange, a group a cause).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from gatjax.diagnosis.judge import Judge
 FEWEST, SHARE = 3, 0.5  # joints that are wrong at least, and their share of all
 ALONE = 0.05  # of its rms misfit, that a single cause may leave at a joint
 PROBES = 6  # joints that are looked at
-FIRSTS, NEAR = 4, 0.75  # causes tried as the first of two, and least share of gain
+WIDTHS, NEAR = (4, 3), 0.75  # starts that get one more, their least share of gain
 MOST = 6  # causes
 TURNS = 3  # of exchanges after each new cause
 REFITTING = 8  # iterations of a joint that a cause was taken from
@@ -98,28 +98,52 @@ def causes(judge: Judge) -> list[list[Option]]:
     return [[_current(mine, known), *rivals] for mine, *rivals in found]
 
 
-def _begun(judge: Judge, known: Fits) -> tuple[list[list[Option]], Fits]:
-    """The two causes that explain most together, fewer if one is enough or none helps.
+class Start(NamedTuple):
+    """Some causes of a robot, and the fits with them."""
 
-    What explains most alone may be no cause at all: each of the first few is tried with
-    the best one beside it.
+    found: list[list[Option]]
+    known: Fits
+
+
+def _begun(judge: Judge, known: Fits) -> tuple[list[list[Option]], Fits]:
+    """The first two or three causes; none if one is enough or none helps.
+
+    What explains most alone may be no cause at all, and of two the same: of several
+    starts each gets the best cause beside it, and the best of these one more (a beam
+    search), before any is exchanged.
     """
     judge.tell("everywhere", 0.0)
     firsts = _ranked(judge, known, [])
     if not firsts or _few(judge, known | firsts[0].fits):
         return [], known
-    tried = []
-    for turn, option in enumerate(firsts[:FIRSTS]):
-        if option.gain > NEAR * firsts[0].gain:
-            judge.tell("everywhere", (turn + 1) / (FIRSTS + 1) / MOST)
-            alone = known | option.fits
-            seconds = _ranked(judge, alone, [option])
-            both = alone | seconds[0].fits if seconds else alone
-            rivals = [rival for rival in firsts if rival is not option]
-            found = [[option, *rivals], *([seconds] if seconds else [])]
-            tried.append((_total(judge, both), found, both))
-    _, found, both = max(tried, key=lambda each: each[0])
-    return _improved(judge, found, both)
+    starts = [
+        Start([[mine, *(o for o in firsts if o is not mine)]], known | mine.fits)
+        for mine in firsts
+    ]
+    for turn, width in enumerate(WIDTHS):
+        starts = _nearest(judge, starts, known)[:width]
+        for place, (found, fitted) in enumerate(starts):
+            judge.tell("everywhere", (turn + place / width) / len(WIDTHS) / MOST)
+            options = _ranked(judge, fitted, [each[0] for each in found])
+            if options:
+                starts[place] = Start([*found, options], fitted | options[0].fits)
+        best = _nearest(judge, starts, known)[0]
+        if _few(judge, best.known):
+            break
+    return _improved(judge, best.found, best.known)
+
+
+def _nearest(judge: Judge, starts: list[Start], known: Fits) -> list[Start]:
+    """Starts that are near the best, best first; one of each set of causes."""
+    before = _total(judge, known)
+    gains = [_total(judge, start.known) - before for start in starts]
+    order = sorted(range(len(starts)), key=lambda n: -gains[n])
+    kept: dict[frozenset, Start] = {}
+    for n in order:
+        if gains[n] > NEAR * max(gains):
+            laws = frozenset(options[0].law for options in starts[n].found)
+            kept.setdefault(laws, starts[n])
+    return list(kept.values())
 
 
 def _few(judge: Judge, known: Fits) -> bool:
