@@ -209,19 +209,35 @@ def test_it_begins_with_the_causes_that_explain_most_together(
     nats = {"gain": 200.0, "limit": 190.0, "gain rub": 420.0, "limit lag": 500.0}
     nats |= {"lag": 150.0, "rub": 120.0, "rub delay": 220.0, "gain delay": 280.0}
     nats["gain rub delay"] = 420.0 + third
-    first = [option("gain", 200.0, "gain"), option("limit", 190.0, "limit")]
+    firsts = [option("gain", 200.0, "gain"), option("limit", 190.0, "limit")]
+    firsts.append(option("sag", 90.0, "sag"))  # too far behind to be asked for more
     ranked = {
-        "": [*first, option("sag", 90.0, "sag")],  # too far behind to be asked for more
         "gain": [option("rub", 220.0, "gain rub")],
         "limit": [option("lag", 310.0, "limit lag")],
         "gain rub": [option("delay", third, "gain rub delay")],
     }
-    monkeypatch.setattr(everywhere, "_few", lambda judge, known: False)
+    monkeypatch.setattr(everywhere, "_left", lambda judge, known: [0])
     monkeypatch.setattr(Judge, "tell", lambda *_: None, raising=False)
     story = Story(monkeypatch, nats | {"sag": 90.0}, ranked)
-    found, known = everywhere._begun(object.__new__(Judge), {0: fit("")})
+    found, known = everywhere._begun(object.__new__(Judge), firsts, {0: fit("")})
     assert [each[0].hypothesis.cause for each in found] == expected
     assert story.words(known) == " ".join(expected)
+
+
+@pytest.mark.parametrize("left, taken", [([], []), ([5], ["lag"])])
+def test_one_cause_is_taken_where_something_else_is_wrong_besides(
+    monkeypatch, left, taken
+):
+    judge = object.__new__(Judge)
+    judge.most, judge.joints, judge.tell = 3, [None] * 6, lambda *_: None
+    judge.known = [fit("")] * 6
+    lag = option("lag", 300.0)._replace(fits={k: fit("lag") for k in range(6)})
+    monkeypatch.setattr(everywhere, "_ranked", lambda *_: [lag])
+    monkeypatch.setattr(everywhere, "_probes", lambda judge, wrong: wrong)
+    wrong = lambda judge, known: left if known[0] is lag.fits[0] else [*known]  # noqa: E731
+    monkeypatch.setattr(everywhere, "_left", wrong)
+    found = everywhere.causes(judge)
+    assert [first.hypothesis.cause for first, *_ in found] == taken
 
 
 def test_a_cause_is_of_the_robot_only_if_it_is_worth_it_at_most_joints():

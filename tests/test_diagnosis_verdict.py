@@ -206,11 +206,11 @@ def test_loads_that_do_not_follow_are_looked_at_once(concluded):
 def test_a_motion_says_whether_it_would_decide(probability, separation, said):
     causes = [verdict.Cause(claim("gain"), probability, [], [])]
     found = verdict.Verdict("named", causes, [], None, [], Told({}))
-    text = experiment._why(found, "jumps", ["gain_error", "backlash"], separation)
+    text = experiment._why(found, "jumps", ("gain_error", "backlash"), separation)
     assert text.startswith("Jumps: the predictions of gain error and backlash differ")
     assert text.endswith(said)
     alike = causes[0]._replace(equivalent=["payload"])
-    text = experiment._why(found._replace(causes=[alike]), "jumps", ["a", "b"], 9.0)
+    text = experiment._why(found._replace(causes=[alike]), "jumps", ("a", "b"), 9.0)
     assert text.endswith("the most of all safe motions.")
 
 

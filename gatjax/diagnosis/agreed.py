@@ -49,9 +49,9 @@ def valued(judge: Judge, found: list[list[Option]]) -> tuple[list[Valued], list[
         found: of `everywhere.causes`.
 
     Returns:
-        The causes, and the fits of all joints; none where fewer than two are left.
+        The causes, and the fits of all joints; none where no cause is left.
     """
-    while len(found) > 1:
+    while found:
         claims, known = _agreed(judge, [options[0] for options in found])
         weak = next((n for n, mine in enumerate(claims) if _weak(judge, mine)), None)
         if weak is None:

@@ -72,7 +72,10 @@ Fits = dict[int, Fit]  # of the joints that are looked at
 
 
 def causes(judge: Judge) -> list[list[Option]]:
-    """The causes of a whole robot; none where a single one may be enough.
+    """The causes of a whole robot; none where a single one is enough.
+
+    Where it is enough at most joints, it is taken with what is wrong at the others left
+    to be found beside it.
 
     Returns:
         For each cause the options in its place, itself first and then the best.
@@ -80,10 +83,16 @@ def causes(judge: Judge) -> list[list[Option]]:
     every = range(len(judge.joints))
     if judge.most == 1 or len(every) < FEWEST:
         return []
-    wrong = [k for k in every if not _right(judge, k, judge.known[k])]
+    wrong = _left(judge, dict(enumerate(judge.known)))
     if len(wrong) < max(FEWEST, SHARE * len(every)):
         return []
-    found, known = _begun(judge, {k: judge.known[k] for k in _probes(judge, wrong)})
+    known = {k: judge.known[k] for k in _probes(judge, wrong)}
+    judge.tell("everywhere", 0.0)
+    firsts = _ranked(judge, known, [])
+    left = _left(judge, known | firsts[0].fits) if firsts else []
+    if not firsts or len(left) < max(FEWEST, SHARE * len(known)):
+        return [firsts] if left else []
+    found, known = _begun(judge, firsts, known)
     while 0 < len(found) < MOST:
         judge.tell("everywhere", len(found) / MOST)
         beside = [each[0] for each in found]
@@ -98,26 +107,24 @@ def causes(judge: Judge) -> list[list[Option]]:
     return [[_current(mine, known), *rivals] for mine, *rivals in found]
 
 
-class Start(NamedTuple):
+class Partial(NamedTuple):
     """Some causes of a robot, and the fits with them."""
 
     found: list[list[Option]]
     known: Fits
 
 
-def _begun(judge: Judge, known: Fits) -> tuple[list[list[Option]], Fits]:
-    """The first two or three causes; none if one is enough or none helps.
+def _begun(
+    judge: Judge, firsts: list[Option], known: Fits
+) -> tuple[list[list[Option]], Fits]:
+    """The first two or three causes.
 
     What explains most alone may be no cause at all, and of two the same: of several
     starts each gets the best cause beside it, and the best of these one more (a beam
     search), before any is exchanged.
     """
-    judge.tell("everywhere", 0.0)
-    firsts = _ranked(judge, known, [])
-    if not firsts or _few(judge, known | firsts[0].fits):
-        return [], known
     starts = [
-        Start([[mine, *(o for o in firsts if o is not mine)]], known | mine.fits)
+        Partial([[mine, *(o for o in firsts if o is not mine)]], known | mine.fits)
         for mine in firsts
     ]
     for turn, width in enumerate(WIDTHS):
@@ -126,19 +133,19 @@ def _begun(judge: Judge, known: Fits) -> tuple[list[list[Option]], Fits]:
             judge.tell("everywhere", (turn + place / width) / len(WIDTHS) / MOST)
             options = _ranked(judge, fitted, [each[0] for each in found])
             if options:
-                starts[place] = Start([*found, options], fitted | options[0].fits)
+                starts[place] = Partial([*found, options], fitted | options[0].fits)
         best = _nearest(judge, starts, known)[0]
-        if _few(judge, best.known):
+        if not _left(judge, best.known):
             break
     return _improved(judge, best.found, best.known)
 
 
-def _nearest(judge: Judge, starts: list[Start], known: Fits) -> list[Start]:
+def _nearest(judge: Judge, starts: list[Partial], known: Fits) -> list[Partial]:
     """Starts that are near the best, best first; one of each set of causes."""
     before = _total(judge, known)
     gains = [_total(judge, start.known) - before for start in starts]
     order = sorted(range(len(starts)), key=lambda n: -gains[n])
-    kept: dict[frozenset, Start] = {}
+    kept: dict[frozenset, Partial] = {}
     for n in order:
         if gains[n] > NEAR * max(gains):
             laws = frozenset(options[0].law for options in starts[n].found)
@@ -146,10 +153,9 @@ def _nearest(judge: Judge, starts: list[Start], known: Fits) -> list[Start]:
     return list(kept.values())
 
 
-def _few(judge: Judge, known: Fits) -> bool:
-    """Whether few joints are left that are wrong."""
-    left = [k for k, fit in known.items() if not _right(judge, k, fit)]
-    return len(left) < max(FEWEST, SHARE * len(known))
+def _left(judge: Judge, known: Fits) -> list[int]:
+    """Joints that are still wrong."""
+    return [k for k, fit in known.items() if not _right(judge, k, fit)]
 
 
 def _right(judge: Judge, index: int, fit: Fit) -> bool:

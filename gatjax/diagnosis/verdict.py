@@ -81,7 +81,8 @@ def decide(judge: Judge) -> Verdict:
     law: Claim | None = None
     claims = _further(judge, causes)
     before = [Before(judge.fork(), claims)] * len(causes)  # each of the causes
-    for number in range(judge.most):
+    turn = 0
+    while max(len(causes), turn) < judge.most:  # a cause may come and go
         best = next((c for c in claims if worth_naming(judge, c)), None)
         if best is None:
             break
@@ -99,15 +100,16 @@ def decide(judge: Judge) -> Verdict:
             cause = _weighed(judge, best, claims)
             if cause.probability < LIKELY and (causes or _beaten(judge, best, claims)):
                 break
+            judge.most += any(_elsewhere(best, c.claim) for c in causes)
             causes.append(cause._replace(claim=judge.accept(best)))
             before.append(now)
-            if number == 1 and len(causes) == 2:
+            if turn == 1 and len(causes) == 2:
                 was = judge
                 judge, causes = _exchanged(judge, causes, before[0].judge.fork())
                 before = before if judge is was else before[:1] * len(causes)
-        if len(causes) == judge.most:
-            break
-        claims = _further(judge, causes)
+        turn += 1
+        if len(causes) < judge.most:
+            claims = _further(judge, causes)
     if causes:
         was = judge
         judge, causes = _instead(judge, causes, before)
@@ -317,6 +319,13 @@ def _beaten(judge: Judge, best: Claim, claims: list[Claim]) -> bool:
         c.hypothesis.cause and c.rivals(best) and not _same(c, best, mine)
         for c in before
     )
+
+
+def _elsewhere(claim: Claim, told: Claim) -> bool:
+    """Whether it is another value of a cause, at other joints: no further cause."""
+    mine, other = claim.hypothesis, told.hypothesis
+    same = (mine.cause, mine.variant) == (other.cause, other.variant)
+    return same and bool(claim.where) and set(claim.where).isdisjoint(told.where)
 
 
 def _same(claim: Claim, best: Claim, aliases: frozenset[str]) -> bool:
