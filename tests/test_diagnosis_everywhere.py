@@ -216,7 +216,7 @@ def test_it_begins_with_the_causes_that_explain_most_together(
         "limit": [option("lag", 310.0, "limit lag")],
         "gain rub": [option("delay", third, "gain rub delay")],
     }
-    monkeypatch.setattr(everywhere, "_left", lambda judge, known: [0])
+    monkeypatch.setattr(everywhere, "_left", lambda judge, known: [0] * 9)
     monkeypatch.setattr(Judge, "tell", lambda *_: None, raising=False)
     story = Story(monkeypatch, nats | {"sag": 90.0}, ranked)
     found, known = everywhere._begun(object.__new__(Judge), firsts, {0: fit("")})

@@ -84,13 +84,13 @@ def causes(judge: Judge) -> list[list[Option]]:
     if judge.most == 1 or len(every) < FEWEST:
         return []
     wrong = _left(judge, dict(enumerate(judge.known)))
-    if len(wrong) < max(FEWEST, SHARE * len(every)):
+    if _few(wrong, len(every)):
         return []
     known = {k: judge.known[k] for k in _probes(judge, wrong)}
     judge.tell("everywhere", 0.0)
     firsts = _ranked(judge, known, [])
     left = _left(judge, known | firsts[0].fits) if firsts else []
-    if not firsts or len(left) < max(FEWEST, SHARE * len(known)):
+    if not firsts or _few(left, len(known)):
         return [firsts] if left else []
     found, known = _begun(judge, firsts, known)
     while 0 < len(found) < MOST:
@@ -135,7 +135,7 @@ def _begun(
             if options:
                 starts[place] = Partial([*found, options], fitted | options[0].fits)
         best = _nearest(judge, starts, known)[0]
-        if not _left(judge, best.known):
+        if _few(_left(judge, best.known), len(known)):
             break
     return _improved(judge, best.found, best.known)
 
@@ -151,6 +151,11 @@ def _nearest(judge: Judge, starts: list[Partial], known: Fits) -> list[Partial]:
             laws = frozenset(options[0].law for options in starts[n].found)
             kept.setdefault(laws, starts[n])
     return list(kept.values())
+
+
+def _few(left: list[int], joints: int) -> bool:
+    """Whether joints that are wrong are too few for a cause of the whole robot."""
+    return len(left) < max(FEWEST, SHARE * joints)
 
 
 def _left(judge: Judge, known: Fits) -> list[int]:
