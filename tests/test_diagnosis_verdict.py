@@ -105,6 +105,22 @@ def test_a_cause_of_the_joint_that_carries_a_link_is_looked_for_again(named):
     assert [cause.claim.body for cause in found] == [1, None]
 
 
+def test_a_further_value_of_a_cause_takes_no_other_causes_place(named, monkeypatch):
+    def at(cause, k):
+        return claim(cause)._replace(where=(k,), fits={k: FIT})
+
+    every = [at("lag", 0), at("lag", 1), at("lag", 2), at("gain", 3), at("rub", 4)]
+    judge = Told({}, [*every, at("sag", 5)])
+    judge.most, judge.joints, judge.fork = 3, [None] * 6, lambda: judge
+    judge.confirmed, judge.current = lambda claim: True, lambda claim: claim
+    monkeypatch.setattr(verdict, "_everywhere", lambda judge: [])
+    monkeypatch.setattr(verdict, "_exchanged", lambda judge, causes, _: (judge, causes))
+    monkeypatch.setattr(verdict, "_instead", lambda judge, causes, _: (judge, causes))
+    monkeypatch.setattr(verdict, "adequate", lambda judge, k: True)
+    found = [cause.claim for cause in verdict.decide(judge).causes]
+    assert [each.where for each in found] == [each.where for each in every]
+
+
 @pytest.mark.parametrize(("gain", "expected"), [(99.0, ["gain"]), (102.0, [])])
 def test_a_cause_is_not_told_beside_a_better_one_that_is_no_finding(
     named, monkeypatch, gain, expected

@@ -22,8 +22,8 @@ def named_lines(causes: Sequence[Mapping[str, Any]]) -> list[str]:
         for name, entry in cause["parameters"].items():
             unit = "" if entry["unit"] == "1" else f" {entry['unit']}"
             sizes = entry["values"] if "values" in entry else [entry["value"]]
-            ends = dict.fromkeys(f"{one:.3g}" for one in sizes)
-            value = f"{name} {' to '.join(ends)}{unit}"
+            told = dict.fromkeys(f"{one:.3g}" for one in sizes)
+            value = f"{name} {' to '.join(told)}{unit}"
             ends = f"{entry['low']:.3g} to {entry['high']:.3g}"
             if entry["low"] == entry["high"]:
                 ends = ""  # says which variant, was not measured

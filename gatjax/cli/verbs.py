@@ -94,8 +94,7 @@ def ground(verb: verbs.Ground) -> None:
         progress.work(1.0)
         progress.stage(f"{verb.method}: choose alpha")
         grounding = loop.stable(world, grounding._replace(facts=facts), theta, key)
-        if world.causes:
-            grounding = loop.helpful(world, grounding, robot, verb.seed)
+        grounding = loop.helpful(world, grounding, robot, verb.seed)
         progress.work(1.0)
         progress.stage(f"{verb.method}: predict held-out trajectories")
         rows = loop.predictions(world, grounding, robot, verb.seed)

@@ -61,7 +61,7 @@ class Option(NamedTuple):
     @property
     def law(self) -> tuple[str, str]:
         """Cause and variant."""
-        return self.hypothesis.cause, self.hypothesis.variant
+        return self.hypothesis.law
 
     def common(self, joints: int) -> bool:
         """Whether it is worth it at most of some joints."""
@@ -114,9 +114,7 @@ class Partial(NamedTuple):
     known: Fits
 
 
-def _begun(
-    judge: Judge, firsts: list[Option], known: Fits
-) -> tuple[list[list[Option]], Fits]:
+def _begun(judge: Judge, firsts: list[Option], known: Fits) -> Partial:
     """The first two or three causes.
 
     What explains most alone may be no cause at all, and of two the same: of several
@@ -127,17 +125,18 @@ def _begun(
         Partial([[mine, *(o for o in firsts if o is not mine)]], known | mine.fits)
         for mine in firsts
     ]
+    starts = _nearest(judge, starts, known)
     for turn, width in enumerate(WIDTHS):
-        starts = _nearest(judge, starts, known)[:width]
+        starts = starts[:width]
         for place, (found, fitted) in enumerate(starts):
             judge.tell("everywhere", (turn + place / width) / len(WIDTHS) / MOST)
             options = _ranked(judge, fitted, [each[0] for each in found])
             if options:
                 starts[place] = Partial([*found, options], fitted | options[0].fits)
-        best = _nearest(judge, starts, known)[0]
-        if _few(_left(judge, best.known), len(known)):
+        starts = _nearest(judge, starts, known)
+        if _few(_left(judge, starts[0].known), len(known)):
             break
-    return _improved(judge, best.found, best.known)
+    return _improved(judge, *starts[0])
 
 
 def _nearest(judge: Judge, starts: list[Partial], known: Fits) -> list[Partial]:
@@ -199,16 +198,14 @@ def _ranked(judge: Judge, known: Fits, beside: list[Option]) -> list[Option]:
         for fit in rows:
             assert fit.hypothesis is not None
             newest, gain = fit.hypothesis.newest, _nats(joint, fit) - before
-            option = options.setdefault(newest[:2], Option(newest, {}, {}))
+            option = options.setdefault(newest.law, Option(newest, {}, {}))
             if gain > 0.0:
                 option.gains[index], option.fits[index] = gain, fit
     common = [option for option in options.values() if option.common(len(known))]
     return sorted(common, key=lambda option: -option.gain)
 
 
-def _improved(
-    judge: Judge, found: list[list[Option]], known: Fits
-) -> tuple[list[list[Option]], Fits]:
+def _improved(judge: Judge, found: list[list[Option]], known: Fits) -> Partial:
     """Causes of which each is the best beside the others; the newest one is so far.
 
     Another one may take the place of a cause, and one that is worth nothing beside the
@@ -235,7 +232,7 @@ def _improved(
                 break
         if not moved:
             break
-    return found, known
+    return Partial(found, known)
 
 
 def _scored(judge: Judge, option: Option, known: Fits, base: Fits) -> Option:
@@ -243,7 +240,7 @@ def _scored(judge: Judge, option: Option, known: Fits, base: Fits) -> Option:
     gains = {
         k: _nats(judge.joints[k], fit) - _nats(judge.joints[k], base[k])
         for k, fit in known.items()
-        if any(part.cause == option.hypothesis.cause for part, _ in parts_of(fit))
+        if _has(fit, option.hypothesis.cause)
     }
     return option._replace(gains=gains)
 
@@ -251,11 +248,12 @@ def _scored(judge: Judge, option: Option, known: Fits, base: Fits) -> Option:
 def _current(option: Option, known: Fits) -> Option:
     """A cause with its values beside all others."""
     cause = option.hypothesis.cause
-    fits = {
-        k: with_last(fit, cause) for k, fit in known.items()
-        if any(part.cause == cause for part, _ in parts_of(fit))
-    }  # fmt: skip
+    fits = {k: with_last(fit, cause) for k, fit in known.items() if _has(fit, cause)}
     return option._replace(fits=fits)
+
+
+def _has(fit: Fit, cause: str) -> bool:
+    return any(part.cause == cause for part, _ in parts_of(fit))
 
 
 def _without(judge: Judge, known: Fits, cause: str) -> Fits:

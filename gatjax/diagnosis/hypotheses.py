@@ -47,6 +47,11 @@ class Hypothesis(NamedTuple):
     taken: Callable[[Joint, float], float] | None = None  # coordinate for all of it
 
     @property
+    def law(self) -> tuple[str, str]:
+        """Cause and variant: the same at any joint and beside any other."""
+        return self.cause, self.variant
+
+    @property
     def newest(self) -> Hypothesis:
         """The last part of a combination; alone, itself."""
         return (self.parts or (self,))[-1]

@@ -184,7 +184,7 @@ class Judge(Known):
         seen: dict[tuple, list[Claim]] = {}
         for claim in single:
             if claim.hypothesis.cause in SHARED and claim.gain > 0.25 * WORTH:
-                key = claim.hypothesis.cause, claim.hypothesis.variant
+                key = claim.hypothesis.law
                 seen.setdefault(key, []).append(claim)
         groups = [
             group for group in seen.values()

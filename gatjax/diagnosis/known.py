@@ -233,7 +233,7 @@ class Known:
         (index,) = claim.fits
         fit, first = self.known[index], COUNT
         for part, own in fits.parts_of(fit):
-            if (part.cause, part.variant, len(own)) == (*claim.hypothesis[:2], count):
+            if part.law == claim.hypothesis.law and len(own) == count:
                 sure = uncertainty([fit], count, first)
                 return claim._replace(own=own, fits={index: fit}, covariance=sure)
             first += len(own)

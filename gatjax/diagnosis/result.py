@@ -116,12 +116,12 @@ def candidates(verdict: Verdict) -> list[dict[str, Any]]:
         gain = cause.claim.gain + sum(other.claim.gain for other in others)
         where = sum((other.claim.where for other in others), cause.claim.where)
         first = cause.claim._replace(gain=gain, where=where)
-        first = first._replace(fits={}) if others else first
         everything = [(first, cause.probability), *cause.rivals]
         for claim, probability in everything[:SHOWN]:
             row = _candidate(verdict, claim) | {"probability": round(probability, 4)}
-            several = {"parameters": {}} if others and claim is first else {}
-            rows.append(row | several | {"step": number})
+            if others and claim is first:
+                row |= {"parameters": {}, "rms": None}  # no one value or joint
+            rows.append(row | {"step": number})
     if len(verdict.causes) == verdict.judge.most:
         return rows  # nothing was weighed after these
     law = [] if verdict.law is None else [verdict.law]

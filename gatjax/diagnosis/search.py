@@ -214,8 +214,7 @@ def _best(found: list[Fit], kept: int, each: int = 1) -> list[Fit]:
     chosen, seen = [], Counter()
     for fit in sorted(found, key=lambda fit: fit.cost):
         assert fit.hypothesis is not None
-        law = fit.hypothesis.cause, fit.hypothesis.variant
-        seen[law] += 1
-        if seen[law] <= each:
+        seen[fit.hypothesis.law] += 1
+        if seen[fit.hypothesis.law] <= each:
             chosen.append(fit)
     return chosen[:kept]

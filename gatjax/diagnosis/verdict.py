@@ -323,8 +323,7 @@ def _beaten(judge: Judge, best: Claim, claims: list[Claim]) -> bool:
 
 def _elsewhere(claim: Claim, told: Claim) -> bool:
     """Whether it is another value of a cause, at other joints: no further cause."""
-    mine, other = claim.hypothesis, told.hypothesis
-    same = (mine.cause, mine.variant) == (other.cause, other.variant)
+    same = claim.hypothesis.law == told.hypothesis.law
     return same and bool(claim.where) and set(claim.where).isdisjoint(told.where)
 
 

@@ -78,9 +78,12 @@ def helpful(
 ) -> grounders.Grounding:
     """Choose how much of a correction predicts the robot best half a second ahead.
 
-    A simulator that a diagnosis extended may need none. The trajectories are those that
-    the correction was learned from: held-out ones stay unseen.
+    A simulator that a diagnosis extended may need none; of any other one the correction
+    stays as it is. The trajectories are those that it was learned from: held-out ones
+    stay unseen.
     """
+    if not world.causes:
+        return grounding
     seen, _ = split_by_trajectory(robot.trajectory, HELD_OUT, seed)
     step = world.task.control_period
     windows = prediction.cut(world, robot, seen, WINDOWS, seed)
@@ -150,8 +153,7 @@ def ground(
     seed, world = setting.settings.seed, entry.world
     grounding = learn_grounding(world, entry.grounder, *logs, seed)
     grounding = stable(world, grounding, theta, setting.key(2, iteration))
-    if world.causes:
-        grounding = helpful(world, grounding, logs[0], seed)
+    grounding = helpful(world, grounding, logs[0], seed)
     facts = {"method": entry.name, "iteration": iteration}
     rows = [facts | row for row in predictions(world, grounding, logs[0], seed)]
     runs.add_rows(setting.folder / "prediction.csv", rows)

@@ -125,7 +125,7 @@ class StandingJudge(Judge):
 
     def _outcome(self, claim: Claim) -> Weighed:
         """How well the robot of a claim meets the logs; each is simulated once."""
-        name = (claim.hypothesis.cause, claim.hypothesis.variant)
+        name = claim.hypothesis.law
         key = (*name, claim.place(), tuple(claim.own), claim.body)
         if key not in self.outcomes:
             self.outcomes[key] = self._simulated(claim)

@@ -61,9 +61,9 @@ def cards(diagnosis: Diagnosis) -> list[str]:
     laws: dict[tuple[str, str], list[Cause]] = {}
     for cause in diagnosis.causes:
         laws.setdefault((cause.name, cause.variant), []).append(cause)
-    boxes = [_cause_card(group) for group in list(laws.values())[:CARDS]]
-    if len(laws) > CARDS:
-        more = [title(group[0]) for group in list(laws.values())[CARDS:]]
+    groups = list(laws.values())
+    boxes = [_cause_card(group) for group in groups[:CARDS]]
+    if more := [title(group[0]) for group in groups[CARDS:]]:
         boxes.append(_card("other", "besides", f"{len(more)} more", ", ".join(more)))
     gain = diagnosis.part("gain")
     before, after = number_in(gain, "before"), number_in(gain, "after")
