@@ -300,8 +300,8 @@ def test_a_shared_share_is_another_torque_at_a_weaker_joint() -> None:
     )
     judge.joints = [strong, weak, strong._replace(name="other", index=2)]
     own = np.log(np.array([0.1]))
-    found = effects(judge, Claim(hypothesis, own, (0, 1), {}, 0.0))
-    assert [where for _, where, _ in found] == [["joint"], ["wrist"]]
+    found = effects(judge, Claim(hypothesis, own, (0, 1, 2), {}, 0.0))
+    assert [where for _, where, _ in found] == [["joint", "other"], ["wrist"]]
     for (_, _, values), joint in zip(found, judge.joints, strict=False):
         drive: dict[str, float] = {}
         hypothesis.put(drive, joint, own)

@@ -9,7 +9,7 @@ from gatjax.diagnosis.claims import Claim, Stance
 from gatjax.diagnosis.experiment import sides
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.judge import Judge
-from gatjax.diagnosis.result import SHOWN, candidates, sentence
+from gatjax.diagnosis.result import SHOWN, candidates, cause_rows, sentence
 from gatjax.diagnosis.verdict import Cause, Verdict
 
 FIT = Fit(
@@ -60,6 +60,18 @@ def test_a_cause_with_several_values_is_one_candidate_of_no_one_size():
     assert first["log_evidence"] == 2 * DRY.gain and first["where"] == ["elbow"] * 2
     assert first["parameters"] == {} and first["rms"] is None
     assert rival["cause"] == "first_order_lag" and rival["rms"] is None
+
+
+def test_a_share_that_joints_have_in_common_is_told_in_newton_metres_of_each():
+    said = verdict([Cause(DRY._replace(where=(0, 1, 2)), 0.96, [], [])])
+    strong = said.judge.joints[0]
+    limit = 0.2 * strong.nominal["limit"]
+    weak = strong._replace(name="wrist", nominal=strong.nominal | {"limit": limit})
+    said.judge.joints = [strong, weak, strong._replace(name="shoulder")]
+    whole, small = cause_rows(said, 0)
+    assert (whole["where"], small["where"]) == (["elbow", "shoulder"], ["wrist"])
+    assert whole["parameters"]["torque"]["value"] == pytest.approx(0.5)
+    assert small["parameters"]["torque"]["value"] == pytest.approx(0.1)
 
 
 def test_a_rival_that_cannot_stand_beside_the_others_is_not_compared():

@@ -88,22 +88,33 @@ def places(judge: Judge, claim: Claim) -> list[str]:
     return [joints[k].name for k in claim.where]
 
 
-def effects(judge: Judge, claim: Claim) -> list[tuple[str, list[str], dict]]:
-    """Cause, places and values of a claim's effects in a World.
+def pieces(judge: Judge, claim: Claim) -> list[Claim]:
+    """A claim by joints that have the same numbers.
 
     What several joints share may be a share of their torque limits or gains: then each
-    has a value of its own.
+    kind of motor has a value of its own, N m or N m/rad.
     """
     name = claim.hypothesis.cause
-    whole = [(name, places(judge, claim), world_values(judge, claim))]
     if claim.stance is not None or CATALOGUE[name].place == "all":
-        return whole
-    alone = [claim._replace(where=(k,)) for k in claim.where]
-    each = [
-        (name, [judge.joints[one.where[0]].name], world_values(judge, one))
-        for one in alone
+        return [claim]
+    groups: list[tuple[dict[str, float], list[int]]] = []
+    for k in claim.where:
+        values = world_values(judge, claim._replace(where=(k,)))
+        mine = next((where for known, where in groups if known == values), None)
+        if mine is None:
+            groups.append((values, [k]))
+        else:
+            mine.append(k)
+    return [claim._replace(where=tuple(where)) for _, where in groups]
+
+
+def effects(judge: Judge, claim: Claim) -> list[tuple[str, list[str], dict]]:
+    """Cause, places and values of a claim's effects in a World."""
+    name = claim.hypothesis.cause
+    return [
+        (name, places(judge, piece), world_values(judge, piece))
+        for piece in pieces(judge, claim)
     ]
-    return whole if all(values == whole[0][2] for _, _, values in each) else each
 
 
 def calibration(verdict: Verdict) -> list[Row]:

@@ -73,7 +73,7 @@ def told(
         beside: `unexplained.conditions` of the recordings that were explained.
         seed: of the intervals.
     """
-    rows = [cause_row(verdict, cause, seed) for cause in verdict.causes]
+    rows = cause_rows(verdict, seed)
     return {
         "schema": SCHEMA,
         "verdict": verdict.verdict,
@@ -85,6 +85,15 @@ def told(
         "calibration": calibration_rows(verdict),
         "candidates": candidates(verdict),
     }
+
+
+def cause_rows(verdict: Verdict, seed: int) -> list[dict[str, Any]]:
+    """The entries of `causes`: one for each value, however it is shared."""
+    return [
+        cause_row(verdict, cause._replace(claim=piece), seed)
+        for cause in verdict.causes
+        for piece in extend.pieces(verdict.judge, cause.claim)
+    ]
 
 
 def cause_row(verdict: Verdict, cause: Cause, seed: int) -> dict[str, Any]:
@@ -134,7 +143,8 @@ def _candidate(verdict: Verdict, claim: Claim) -> dict[str, Any]:
     """One row of `candidates`."""
     rms = [fit.rms() for fit in claim.fits.values()]
     cause, variant = claim.hypothesis.cause, claim.hypothesis.variant
-    values = extend.parameters(verdict.judge, claim) if cause else {}
+    one = cause and len(extend.pieces(verdict.judge, claim)) == 1
+    values = extend.parameters(verdict.judge, claim) if one else {}
     return {
         "cause": cause or variant,
         "variant": variant if cause else "not in the catalogue",
