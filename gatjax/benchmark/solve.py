@@ -13,6 +13,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from gatjax import processors
 from gatjax.benchmark.cases import Case
 from gatjax.runs import read_json, write_json
 
@@ -113,7 +114,7 @@ def _shares(jobs: int) -> queue.SimpleQueue[set[int]]:
 
     Threads of one process cost a fifth more where another one wants the processor too.
     """
-    every = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
+    every = processors.usable() if hasattr(os, "sched_setaffinity") else []
     free: queue.SimpleQueue[set[int]] = queue.SimpleQueue()
     for job in range(jobs):
         free.put(set(every[job::jobs]))

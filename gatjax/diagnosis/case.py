@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple, Protocol, runtime_checkable
@@ -12,6 +11,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
+from gatjax import processors
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import joint as joints
 from gatjax.diagnosis import loads as weights
@@ -25,7 +25,7 @@ from gatjax.robot.model import joint_names
 
 PASSES, RESTS = 3, 3.0  # over the loads of the fitted motion; nats that end them
 PULLS = (10.0, 30.0)  # 1/s, of a pulled joint towards its measured motion
-THREADS = os.cpu_count() or 1
+THREADS = len(processors.usable())
 LED_ASTRAY = 5.0  # times the noise that a fit leaves: loads along its motion are worse
 
 

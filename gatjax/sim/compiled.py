@@ -87,9 +87,23 @@ class Compiled:
 @contextlib.contextmanager
 def precisely() -> Iterator[None]:
     """JAX computes in double precision here, on the CPU."""
-    device = jax.local_devices(backend="cpu")[0]
-    with jax.enable_x64(True), jax.default_device(device):
+    with jax.enable_x64(True), jax.default_device(host()):
         yield
+
+
+def host() -> Any:
+    """The CPU.
+
+    Raises:
+        RuntimeError: JAX was told to leave it out.
+    """
+    try:
+        return jax.local_devices(backend="cpu")[0]
+    except RuntimeError as error:
+        raise RuntimeError(
+            "JAX leaves the CPU out, which gatjax needs beside a GPU: set "
+            "JAX_PLATFORMS=cuda,cpu or nothing"
+        ) from error
 
 
 def _flat(tree: Any, robots: int) -> tuple[Array, Callable[[Array], Any]]:

@@ -30,6 +30,7 @@ from gatjax.records import (
 from gatjax.robot.model import slots as find_slots
 from gatjax.sim import episode
 from gatjax.sim.actuation import Push, State, actuation
+from gatjax.sim.compiled import host
 from gatjax.sim.world import Values, World, fields_applied
 
 Array = Any
@@ -50,7 +51,7 @@ def _padding(count: int) -> np.ndarray:
 def _cpu(function: Callable, axes: tuple) -> Callable:
     """Vectorise and compile for the CPU, wherever else JAX computes."""
     compiled = jax.jit(jax.vmap(function, in_axes=axes))
-    device = jax.local_devices(backend="cpu")[0]
+    device = host()
 
     def call(*arguments: Any) -> Any:
         with jax.default_device(device):

@@ -9,7 +9,6 @@ motor of both hip-yaw-pitch joints sits on the left; a stiff shaft turns the rig
 
 from __future__ import annotations
 
-import os
 import signal
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -22,6 +21,7 @@ import dartpy
 import mujoco
 import numpy as np
 
+from gatjax import processors
 from gatjax import task as tasks
 from gatjax.motions import Limbs
 from gatjax.records import JOINTS, Base, Outcome, Reading, Trajectory
@@ -216,7 +216,7 @@ class Dart:
     def __init__(self, body_seed: int, workers: int | None = None) -> None:
         """Choose a body; `workers` processes (default: all cores) share the runs."""
         self.body_seed = body_seed
-        self.workers = workers or os.cpu_count() or 1
+        self.workers = workers or len(processors.usable())
         self._pool: ProcessPoolExecutor | None = None
 
     def constants(self) -> dict:

@@ -1,0 +1,34 @@
+"""What a process may use of its machine."""
+
+import os
+import subprocess
+import sys
+
+import jax
+import pytest
+
+from gatjax import processors
+from gatjax.sim.compiled import host
+
+
+@pytest.mark.skipif(
+    not hasattr(os, "sched_setaffinity"), reason="this system binds no process"
+)
+def test_only_processors_that_the_process_was_given_are_used():
+    assert processors.usable() == sorted(os.sched_getaffinity(0))
+    given = processors.usable()[-1]
+    ask = "from gatjax.diagnosis.case import THREADS; print(THREADS)"
+    told = subprocess.run(
+        [sys.executable, "-c", ask], capture_output=True, text=True,
+        preexec_fn=lambda: os.sched_setaffinity(0, {given}),
+    )  # fmt: skip
+    assert told.stdout.strip() == "1"
+
+
+def test_a_cpu_that_jax_was_told_to_leave_out_is_asked_for(monkeypatch):
+    def none(backend):
+        raise RuntimeError(f"Unknown backend {backend}")
+
+    monkeypatch.setattr(jax, "local_devices", none)
+    with pytest.raises(RuntimeError, match="JAX_PLATFORMS=cuda,cpu"):
+        host()
