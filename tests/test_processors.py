@@ -3,12 +3,13 @@
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import jax
 import pytest
 
 from gatjax import processors
-from gatjax.sim.compiled import host
+from gatjax.sim.compiled import host, on_cpu
 
 
 @pytest.mark.skipif(
@@ -23,6 +24,14 @@ def test_only_processors_that_the_process_was_given_are_used():
         preexec_fn=lambda: os.sched_setaffinity(0, {given}),
     )  # fmt: skip
     assert told.stdout.strip() == "1"
+
+
+def test_all_threads_compute_on_the_cpu_and_only_inside():
+    before = jax.config.jax_default_device
+    with pytest.raises(KeyError), on_cpu(), ThreadPoolExecutor(1) as pool:
+        assert pool.submit(lambda: jax.config.jax_default_device).result() == host()
+        raise KeyError
+    assert jax.config.jax_default_device is before
 
 
 def test_a_cpu_that_jax_was_told_to_leave_out_is_asked_for(monkeypatch):

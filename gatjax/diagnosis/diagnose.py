@@ -40,6 +40,7 @@ from gatjax.diagnosis.verdict import Verdict, conclude, doubted
 from gatjax.robot import model as robot_model
 from gatjax.runs import write_json
 from gatjax.sim import world as worlds
+from gatjax.sim.compiled import on_cpu
 from gatjax.sim.limbs import floats
 from gatjax.sim.world import World
 
@@ -110,11 +111,15 @@ def _limited(model: mujoco.MjModel, run: JointRun) -> JointRun:
     return run._replace(command=np.clip(run.command, low, high))
 
 
+@on_cpu()
 def diagnose(
     start: Start, files: Logs, out: Path, seed: int, tell: Tell,
     allowed: Tolerances = USUAL,
 ) -> dict[str, Any]:  # fmt: skip
     """Show, name, extend and measure; write the folder.
+
+    On the CPU: thousands of steps one after the other, of a joint and a few dozen
+    hypotheses, keep no GPU busy (docs/diagnosis.md).
 
     Nothing is written before everything is known but learned/; an old diagnosis.json
     goes first and the new one comes last: a folder that has one is whole.

@@ -91,6 +91,17 @@ def precisely() -> Iterator[None]:
         yield
 
 
+@contextlib.contextmanager
+def on_cpu() -> Iterator[None]:
+    """JAX computes on the CPU here, in all threads."""
+    before = jax.config.jax_default_device  # pyright: ignore[reportAttributeAccessIssue]
+    jax.config.update("jax_default_device", host())
+    try:
+        yield
+    finally:
+        jax.config.update("jax_default_device", before)
+
+
 def host() -> Any:
     """The CPU.
 
