@@ -37,6 +37,7 @@ ROBOTS = ("leg_six", "quad_hung", "nao_hung")
 MOTIONS = ("rich", "steps", "multisine")  # the last one is held out
 ENGINES = {"rigid": rigid.simulate, "dart": dart.simulate}
 VISIBLE = 3.0
+REFUSED = 1  # exit code of logs that carry no diagnosis
 LINE = 6  # robots of the production line, whose scatter is the unit of visibility
 
 Size = Callable[[Robot, int, float], float]
@@ -154,16 +155,19 @@ def made(folder: Path, seed: int, index: int) -> dict[str, Any]:
 
 
 def solved(folder: Path) -> dict[str, Any]:
-    """Diagnose a case in a process of its own; its diagnosis.json."""
+    """Diagnose a case in a process of its own; its diagnosis.json, {} if refused."""
     files = [str(folder / f"{name}.parquet") for name in ("fit_0", "fit_1")]
     command = [sys.executable, "-m", "gatjax.cli", "diagnose"]
     command += ["--model", str(folder / "model.xml"), "--data", *files]
     command += ["--held-out", str(folder / "held.parquet")]
     with (folder / "log.txt").open("w") as log:
-        subprocess.run(
-            [*command, "--out", str(folder / "out")], check=True,
-            stdout=log, stderr=subprocess.STDOUT,
+        done = subprocess.run(
+            [*command, "--out", str(folder / "out")], stdout=log,
+            stderr=subprocess.STDOUT,
         )  # fmt: skip
+    if done.returncode == REFUSED:  # a joint that never moves, say
+        return {}
+    done.check_returncode()
     return read_json(folder / "out/diagnosis.json")
 
 
@@ -173,6 +177,8 @@ def _alike(name: str) -> frozenset[str]:
 
 def marked(truth: dict[str, Any], said: dict[str, Any], joints: int) -> dict[str, Any]:
     """What of the truth was named at most joints, and what else was."""
+    if not said:
+        return {"verdict": "refused"}
     where: dict[str, set[str]] = {}
     for row in said["causes"]:
         names = {f"{k}" for k in range(joints)} if row["where"] == ["all"] else set()
@@ -229,6 +235,9 @@ def main() -> None:
         row = read_json(kept)
         rows.append(row)
         write_json(marks, {"cases": rows})
+        if row["verdict"] == "refused":
+            print(f"{row['case']} {row['robot']:9s} refused", flush=True)
+            continue
         wrong = ", ".join(row["not_there"] + row["not_there_at"])
         print(
             f"{row['case']} {row['robot']:9s} {row['verdict']:9s} "
