@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from gatjax.effects.catalogue import CATALOGUE
+from gatjax.effects.effect import memoryless
 from gatjax.records import JOINTS
 from gatjax.robot import model as robot_model
 from gatjax.sim.backend import prepare
@@ -21,6 +22,7 @@ from gatjax.sim.poses import write_walk
 from gatjax.sim.replay import replay_many
 from gatjax.sim.world import (
     add_cause,
+    add_command,
     dropped_by_mjx,
     fields_applied,
     nominal,
@@ -71,6 +73,15 @@ def same(left, right):
 
 
 # Causes
+
+
+def test_what_was_learned_is_known_beside_causes_that_share_an_effect():
+    world = nominal(SHORT)
+    for joint, delay in (("LHipRoll", 0.01), ("RHipRoll", 0.03), ("LHipPitch", 0.02)):
+        world = add_cause(world, "command_delay", [joint], delay)
+    assert len(world.command) == 1 and not world.learned
+    same = memoryless(lambda params, signal: signal)
+    assert add_command(world, "grounding", same, ()).learned
 
 
 def test_every_cause_is_tried_here():

@@ -76,7 +76,8 @@ class World:
     @property
     def learned(self) -> bool:
         """Whether a command effect comes from elsewhere than the catalogue."""
-        return len(causes.parts(self.causes, "command")) < len(self.command)
+        ours = {f"{row['cause']}_{place}" for place, row in enumerate(self.causes)}
+        return not ours.issuperset(self.command)
 
     @property
     def foresees(self) -> bool:
