@@ -77,8 +77,8 @@ def same(left, right):
 
 def test_what_was_learned_is_known_beside_causes_that_share_an_effect():
     world = nominal(SHORT)
-    for joint, delay in (("LHipRoll", 0.01), ("RHipRoll", 0.03), ("LHipPitch", 0.02)):
-        world = add_cause(world, "command_delay", [joint], delay)
+    for joint, share in (("LHipRoll", 0.1), ("RHipRoll", 0.3), ("LHipPitch", 0.2)):
+        world = add_cause(world, "dropped_commands", [joint], share)
     assert len(world.command) == 1 and not world.learned
     same = memoryless(lambda params, signal: signal)
     assert add_command(world, "grounding", same, ()).learned
