@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gatjax.data.checks import findings, same_data, summary
+from gatjax.data.checks import findings, same_commands, same_data, summary, trusted
 from gatjax.data.recording import Recording
 from gatjax.data.sampling import after_gaps
 
@@ -11,6 +11,7 @@ JOINTS = ("hip", "knee")
 RANGES = {"hip": (-1.2, 1.0), "knee": (-0.3, 2.2)}
 STEP = 2 * np.pi / 4096  # rad, 12 bit encoder
 PERIOD = 0.01  # s
+KINDS = ("command", "position")
 
 
 def log(seed=0, name="fit.parquet", seconds=12.0, delay=0.03, **columns):
@@ -157,6 +158,82 @@ def test_degrees_below_a_full_turn_are_refused():
     refused = found(changed(random, **small), "units")
     assert {each.level for each in refused} == {"refuse"}
     assert any("row " in each.text and "unit: deg" in each.text for each in refused)
+
+
+def degrees(recording, *columns):
+    turned = {name: np.rad2deg(recording.columns[name]) for name in columns}
+    return changed(recording, **turned)
+
+
+def test_only_columns_in_degrees_are_to_be_mapped():
+    """Of three joints one is in degrees: its own column; or all: the family."""
+    good = log()
+    shoulder = {f"{kind}.arm": good.columns[f"{kind}.hip"] for kind in KINDS}
+    ranges = {**RANGES, "arm": (-1.2, 1.0)}
+    three = changed(good, **shoulder)
+    for family in KINDS:
+        one = found(degrees(three, f"{family}.hip"), "units", ranges=ranges)
+        every = [f"{family}.{joint}" for joint in (*JOINTS, "arm")]
+        whole = found(degrees(three, *every), "units", ranges=ranges)
+        assert {f"{{{family}.hip: {{unit: deg}}}}" in each.text for each in one} == {
+            True
+        }
+        assert {f"{{{family}.*: {{unit: deg}}}}" in e.text for e in whole} == {True}
+        assert len({each.text for each in whole}) >= 3
+
+
+def test_a_position_beyond_its_limits_is_not_degrees_unless_it_moves_that_far():
+    good = log()
+    hip = good.columns["position.hip"]
+    moved = changed(good, **{"position.hip": hip + 2.0})
+    assert found(moved, "units") == []
+    assert "sign or offset" in only(moved, "offset", "refuse").text
+
+
+@pytest.mark.parametrize("fault", ["sign", "swapped"])
+def test_what_explains_other_refusals_is_told_first(fault):
+    """The knee's range begins near 0: its turned or swapped position leaves it."""
+    good = log()
+    hip, knee = (good.columns[f"position.{joint}"] for joint in JOINTS)
+    wrong = {"position.knee": -knee}
+    if fault == "swapped":
+        wrong = {"position.knee": hip - 1.0, "position.hip": knee}
+    told = changed(good, **wrong)
+    assert found(told, "offset") and found(told, fault)
+    with pytest.raises(ValueError, match="sign: -1" if fault == "sign" else "swapped"):
+        trusted([told], RANGES, "fit")
+
+
+def test_mirrored_joints_that_are_swapped_have_no_turned_sign():
+    good = log()
+    mirrored = changed(good, **{
+        f"{kind}.knee": 0.7 - good.columns[f"{kind}.hip"] for kind in KINDS
+    })  # fmt: skip
+    hip, knee = (mirrored.columns[f"position.{joint}"] for joint in JOINTS)
+    swapped = changed(mirrored, **{"position.hip": knee, "position.knee": hip})
+    assert found(swapped, "sign") == [] and len(found(swapped, "swapped")) == 2
+    turned = changed(mirrored, **{"position.hip": knee})
+    assert found(turned, "swapped") == [] and len(found(turned, "sign")) == 1
+
+
+def test_a_joint_that_never_moves_is_warned_of_unless_it_moves_in_another_file():
+    good = log()
+    still = {f"{kind}.knee": np.full(len(good.time), 0.8) for kind in KINDS}
+    held = changed(good, **still)
+
+    def levels(*recordings):
+        rows = trusted(list(recordings), RANGES, "fit")
+        return [f.level for own in rows for f in own if f.check == "held still"]
+
+    assert levels(held, held) == ["warning", "warning"]
+    assert levels(held, good) == ["info"]
+
+
+def test_a_held_out_log_of_a_fitted_motion_is_warned_of():
+    good, other = log(), log(seed=5)
+    again = changed(good, **{"position.hip": good.columns["position.hip"] + 0.001})
+    (warned,), none = same_commands([other, good], [again, log(seed=6)])
+    assert warned.level == "warning" and none == []
 
 
 def test_position_in_another_unit_than_its_command_is_refused():

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from gatjax.data.recording import write_recording
-from gatjax.diagnosis import everywhere
+from gatjax.diagnosis import agreed, everywhere
 from gatjax.diagnosis.case import held, prepare
+from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.diagnose import Logs, given
 from gatjax.diagnosis.everywhere import Option
 from gatjax.diagnosis.fit import Fit
@@ -13,6 +14,7 @@ from gatjax.diagnosis.hypotheses import Hypothesis
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.start import Start
 from gatjax.diagnosis.tolerances import USUAL
+from gatjax.diagnosis.verdict import _everywhere as whole
 from gatjax.diagnosis.verdict import conclude
 from gatjax.surrogate.hidden import design, rigid
 from gatjax.surrogate.hidden.catalogue import CATALOGUE
@@ -244,3 +246,27 @@ def test_a_cause_is_of_the_robot_only_if_it_is_worth_it_at_most_joints():
     few = option("stiction", 0.0)._replace(gains={0: 500.0, 1: 9.0, 2: 9.0})
     assert not few.common(3)
     assert few._replace(gains={0: 11.0, 1: 11.0}).common(3)
+
+
+class Taken(Exception):
+    """A whole robot's causes are taken for known."""
+
+
+def test_joints_that_agree_on_no_value_have_no_cause_in_common(monkeypatch):
+    def take(claims, known):
+        raise Taken
+
+    judge = object.__new__(Judge)
+    judge.joints, judge.take = [None] * 3, take
+    lag = option("lag", 300.0).hypothesis
+    own = [Claim(lag, np.zeros(1), (k,), {}, 90.0) for k in range(3)]
+    shared = [Claim(lag, np.zeros(1), (0, 1, 2), {}, 90.0)]
+    monkeypatch.setattr(everywhere, "causes", lambda judge: [])
+    for claims in ([own, own], [own, shared]):
+        found = [agreed.Valued([], each) for each in claims], [fit("")] * 3
+        monkeypatch.setattr(agreed, "valued", lambda judge, causes, found=found: found)
+        if claims[1] is own:
+            assert whole(judge) == []
+        else:
+            with pytest.raises(Taken):
+                whole(judge)

@@ -11,7 +11,13 @@ import mujoco
 import numpy as np
 
 from gatjax.cli.arguments import Diagnose
-from gatjax.cli.found import fallback_lines, gain_lines, named_lines, next_lines
+from gatjax.cli.found import (
+    fallback_lines,
+    gain_lines,
+    named_lines,
+    next_lines,
+    unseen_lines,
+)
 from gatjax.cli.progress import shown
 from gatjax.data import checks, sampling
 from gatjax.data.mapping import ColumnMap, read_map
@@ -72,6 +78,8 @@ def read_given(verb: Diagnose) -> tuple[Start, Logs, Tolerances]:
     shared = checks.same_data(fit, held)
     if shared is not None:
         raise ValueError(shared)
+    told = checks.same_commands(fit, held)
+    held_found = [[*a, *b] for a, b in zip(held_found, told, strict=True)]
     found = [*fit_found, *held_found]
     rows = checks.summary(list(zip([*fit, *held], found, strict=True)))
     model_rows = [
@@ -164,6 +172,7 @@ def said(found: dict[str, Any], out: Path, report: Path) -> list[str]:
         *named_lines(found["causes"]),
         *gain_lines(found["gain"], bool(found["files"]["held_out"])),
         *fallback_lines(found["fallback"], out),
+        *unseen_lines(found),
         *next_lines(found["next_experiment"]),
         f"report     {report}",
         f"numbers    {out / 'diagnosis.json'}",

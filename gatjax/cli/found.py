@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+FEW = 3  # smallest effects that are told
 MANY = 4  # values of a cause that are told in one row
 HEADINGS = ("cause", "where", "value", "90 % interval", "probability", "could also be")
 
@@ -71,6 +72,24 @@ def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
         "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip()
         for row in rows
     ]
+
+
+def unseen_lines(found: Mapping[str, Any]) -> list[str]:
+    """What may be there although nothing was found: sizes that would have shown."""
+    rows = found["smallest_effects"]
+    if found["verdict"] != "none" or not rows:
+        return []
+    some = "; ".join(_least(row) for row in rows[:FEW])
+    return [
+        f"unseen     smaller faults may be there; to be named it takes about {some}"
+    ]
+
+
+def _least(row: Mapping[str, Any]) -> str:
+    unit = "" if row["unit"] == "1" else f" {row['unit']}"
+    name = str(row["cause"]).replace("_", " ")
+    place = ", ".join(row["where"])
+    return f"{name} {row['value']:.2g}{unit} ({row['parameter']}) at {place}"
 
 
 def gain_lines(gain: Mapping[str, Any] | None, held: bool) -> list[str]:

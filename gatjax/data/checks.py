@@ -18,11 +18,14 @@ from gatjax.data.finding import Finding, Level, Ranges
 from gatjax.data.recording import ANGLE, Recording
 from gatjax.data.trajectories import JointRun, to_arrays
 
-__all__ = ["Finding", "Role", "findings", "same_data", "summary", "trusted"]
+__all__ = [
+    "Finding", "Role", "findings", "same_commands", "same_data", "summary", "trusted",
+]  # fmt: skip
 
 Role: TypeAlias = Literal["fit", "held-out"]
 
 GRAVEST = ("refuse", "warning", "info")
+COLUMNS = ("swapped", "sign")  # what they explain looks like other faults as well
 COPIED = 50  # rows in a row that two recordings cannot share by chance
 MOVED = 0.01  # rad that a joint must move in them
 SHARED = 0.25  # share of a trajectory's motion: simulated ones may begin alike
@@ -92,7 +95,8 @@ def trusted(
 ) -> list[list[Finding]]:
     """The findings of each of some recordings that are used together.
 
-    One that moves too little is refused only if all do.
+    One that moves too little is refused only if all do; joints that stand still in all
+    of them are a warning.
 
     Raises:
         ValueError: one line with why they may not be used.
@@ -103,11 +107,35 @@ def trusted(
             [f._replace(level="warning") if _dull(f) else f for f in own]
             for own in found
         ]
-    refused = [each.text for own in found for each in own if each.level == "refuse"]
+    found = _standing(found)
+    refused = [each for own in found for each in own if each.level == "refuse"]
     if refused:
+        first = min(refused, key=lambda each: each.check not in COLUMNS)
         more = f" (and {len(refused) - 1} more)" if len(refused) > 1 else ""
-        raise ValueError(f"{refused[0]}{more}")
+        raise ValueError(f"{first.text}{more}")
     return found
+
+
+def _standing(found: list[list[Finding]]) -> list[list[Finding]]:
+    """The findings of some recordings, with a warning where a joint never moves."""
+    still = [
+        {joint for f in own if f.check == excitation.STANDING for joint in f.values}
+        for own in found
+    ]
+    always = set.intersection(*still) if still else set()
+    return [
+        [
+            f._replace(
+                level="warning",
+                text=f"{f.text}; of a fault of these that shows in motion a verdict "
+                f"says nothing",
+            )
+            if f.check == excitation.STANDING and always & set(f.values)
+            else f
+            for f in own
+        ]
+        for own in found
+    ]
 
 
 def _dull(finding: Finding) -> bool:
@@ -154,6 +182,32 @@ def same_data(fit: Sequence[Recording], held: Sequence[Recording]) -> str | None
                     f"hold out a recording of another motion"
                 )
     return None
+
+
+def same_commands(
+    fit: Sequence[Recording], held: Sequence[Recording]
+) -> list[list[Finding]]:
+    """A warning for each held-out recording that was told what a fitted one was."""
+    found: list[list[Finding]] = []
+    for there in held:
+        joints = sorted(c[8:] for c in there.columns if c.startswith("command."))
+        known = [
+            run
+            for each in fit
+            if {f"command.{joint}" for joint in joints} <= {*each.columns}
+            for run in to_arrays(each, joints)
+        ]
+        own = [
+            run
+            for run in to_arrays(there, joints)
+            if any(tracking.same_commands(each, run) for each in known)
+        ]
+        text = f"{there.name}: {len(own)} of its trajectories carry the commands of a "
+        text += (
+            "fitted one; that tells little of other motions, hold out one of another"
+        )
+        found.append([Finding("warning", "held-out motion", text, {})] if own else [])
+    return found
 
 
 def _shared_rows(

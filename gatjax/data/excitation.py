@@ -21,6 +21,7 @@ BEYOND = 0.01  # rad, how far a command may pass a joint limit
 AT_LIMIT = 0.03  # rad
 FLAT = 0.15  # s, standing that long while the command moves on
 REST = 0.5  # s
+STANDING = "held still"  # name of a check
 AWAY = 0.2  # rad that a position moves while its command stands still
 
 
@@ -81,8 +82,8 @@ def check_columns(recording: Recording, moves: Mapping[str, Moves]) -> list[Find
             text = (
                 f"{cell(recording, 0, column)}: stays at "
                 f"{recording.columns[column][0]:.3g} rad in every row while its "
-                f"command moves {move.command:.2g} rad; repair the log or drop the "
-                f"joint with --map"
+                f"command moves {move.command:.2g} rad; repair the log, or drop the "
+                f"joint with --map and take its actuator out of the model"
             )
             found.append(Finding("refuse", "dead column", text, {joint: move.position}))
         elif move.command < STILL and move.position > AWAY:
@@ -99,7 +100,7 @@ def check_columns(recording: Recording, moves: Mapping[str, Moves]) -> list[Find
     if held and len(held) < len(moves):
         text = f"{recording.name}: joints that hardly move show only what their load "
         text += f"does to them (range in rad): {listed(held)}"
-        found.append(Finding("info", "held still", text, held))
+        found.append(Finding("info", STANDING, text, held))
     return found
 
 
@@ -175,10 +176,11 @@ def check_excitation(
         return [Finding(bad, "excitation", text, {"seconds": seconds})]
     if not any(move.excited for move in moves.values()):
         most = max(moves, key=lambda joint: moves[joint].position)
+        move = moves[most]
         text = (
             f"{recording.name}: no joint moves enough for a verdict: {limit}; the most "
-            f"has {most}, {moves[most].position:.2g} rad with {moves[most].reversals} "
-            f"reversals; record a livelier motion"
+            f"has {most}, {move.position:.2g} rad with {move.reversals} reversals, "
+            f"told to move {move.command:.2g} rad; record a livelier motion"
         )
         return [Finding(bad, "excitation", text, turns)]
     text = f"{recording.name}: {seconds:.3g} s; reversals of the position per joint: "

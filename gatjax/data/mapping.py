@@ -19,7 +19,7 @@ name, unless `drop` lists them. `metadata` overrules what the log says of itself
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Sequence
+from collections.abc import Collection, Hashable, Sequence
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -319,7 +319,17 @@ class _StrictLoader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def degrees_map(families: Sequence[str]) -> str:
-    """The map of a log whose commands, positions or both are in degrees."""
-    columns = ", ".join(f"{family}.*: {{unit: deg}}" for family in families)
-    return f"columns: {{{columns}}}"
+def degrees_map(found: Sequence[str], columns: Collection[str]) -> str:
+    """The map of a log of which the columns `found` are in degrees.
+
+    Where they are half of their family or more, its other joints move too little to
+    show it.
+    """
+    wild = {}
+    for column in found:
+        family = column.partition(".")[0]
+        own = [each for each in columns if each.partition(".")[0] == family]
+        most = 2 * sum(each in found for each in own) >= len(own)
+        wild[f"{family}.*" if most else column] = None
+    told = ", ".join(f"{name}: {{unit: deg}}" for name in wild)
+    return f"columns: {{{told}}}"

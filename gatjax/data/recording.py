@@ -192,7 +192,8 @@ def _check_pairs(recording: Recording) -> None:
             raise ValueError(
                 f"{recording.name}: {', '.join(family + joint for joint in alone)} "
                 f"without {', '.join(other + joint for joint in alone)}; "
-                f"a joint needs both, or drop it with --map"
+                f"a joint needs both; or drop it with --map, and its actuator from the "
+                f"model"
             )
 
 
@@ -250,12 +251,11 @@ def _check_degrees(recording: Recording) -> None:
     found = {column: rows for column, rows in large.items() if rows.size > share}
     if found:
         column, rows = next(iter(found.items()))
-        families = {each.partition(".")[0] for each in found}
         raise ValueError(
             f"{_cell(recording.name, rows[0], column)}: "
             f"{recording.columns[column][rows[0]]:g} rad looks like degrees "
             f"({rows.size} of {len(recording.trajectory)} rows above {LARGEST_ANGLE}), "
-            f"say so in a --map file: {degrees_map(sorted(families))!r}"
+            f"say so in a --map file: {degrees_map(list(found), recording.columns)!r}"
         )
 
 

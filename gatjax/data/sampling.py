@@ -170,8 +170,13 @@ def check_resolution(
 
 
 def check_units(recording: Recording, ranges: Ranges) -> list[Finding]:
-    """Angles below a full turn that only make sense as degrees."""
+    """Angles below a full turn that only make sense as degrees, or with an offset.
+
+    What lies beyond the joint's limits is in degrees if it moves further than they
+    allow, too.
+    """
     follows = recording.command_unit == ANGLE
+    wide: dict[str, int] = {}  # columns and their first such row
     found = []
     for column, values in recording.columns.items():
         family, _, joint = column.partition(".")
@@ -183,15 +188,30 @@ def check_units(recording: Recording, ranges: Ranges) -> list[Finding]:
         out = np.flatnonzero((values > high + slack) | (values < low - slack))
         turned = values / DEGREES
         fits = bool(np.all((turned > low - slack) & (turned < high + slack)))
-        if out.size > OUTSIDE * values.size and fits:
+        if out.size <= OUTSIDE * values.size:
+            continue
+        if fits and np.ptp(values) > high - low + slack:
+            wide[column] = int(out[0])
+        elif family == "position":
             text = (
-                f"{cell(recording, out[0], column)}: {values[out[0]]:.3g} rad with "
-                f"joint limits {low:.3g} and {high:.3g} rad looks like degrees: say "
-                f"so in a --map file: {degrees_map([family])!r}; else mend the limits "
-                f"of the model, or the sign or offset in the map"
+                f"{cell(recording, out[0], column)}: {values[out[0]]:.3g} rad is far "
+                f"beyond the joint limits {low:.3g} and {high:.3g} rad; give it its "
+                f"sign or offset in a --map file, or mend the limits of the model"
             )
-            largest = float(np.max(np.abs(values)))
-            found.append(Finding("refuse", "units", text, {joint: largest}))
+            found.append(
+                Finding("refuse", "offset", text, {joint: float(values[out[0]])})
+            )
+    advice = repr(degrees_map(list(wide), recording.columns))
+    for column, row in wide.items():
+        joint, values = column.partition(".")[2], recording.columns[column]
+        low, high = ranges[joint]
+        text = (
+            f"{cell(recording, row, column)}: {values[row]:.3g} rad with joint limits "
+            f"{low:.3g} and {high:.3g} rad looks like degrees: say so in a --map file: "
+            f"{advice}; else mend the limits of the model"
+        )
+        largest = float(np.max(np.abs(values)))
+        found.append(Finding("refuse", "units", text, {joint: largest}))
     return found
 
 

@@ -58,25 +58,29 @@ def check_tracking(
     alike = _correlation(command, position, period)  # [J command, J position, 2]
     found: list[Finding] = []
     lags: dict[str, Shifts] = {}
+    slopes: dict[str, float] = {}
     for k in np.flatnonzero(moved).tolist():
         joint, own = joints[k], alike[k, k]
         others = np.where(moved, alike[:, k, 1], -1.0)
         others[k] = -1.0
         other = int(np.argmax(others))
         column = f"{recording.name}: column 'position.{joint}'"
-        if own[0] < -ALIKE and own[1] < -own[0] - 0.1:
+        strange = own[1] < UNLIKE and others[other] > ALIKE
+        against = own[0] < -ALIKE and own[1] < -own[0] - 0.1
+        if against and not (strange and alike[other, other, 1] < UNLIKE):
             text = f"{column} moves against its command (correlation {own[0]:.2f}); "
             text += "use a map with sign: -1"
             found.append(Finding("refuse", "sign", text, {joint: float(own[0])}))
-        elif own[1] < UNLIKE and others[other] > ALIKE:
+        elif strange:
             text = f"{column} follows command.{joints[other]} (correlation "
             text += f"{others[other]:.2f}) and not its own ({own[1]:.2f}); are columns "
             text += "swapped? rename them with --map"
             found.append(Finding("refuse", "swapped", text, {joint: float(own[1])}))
         else:
             lags[joint] = _shifts(command[:, k], position[:, k], period)
-            found += _slope(column, joint, command[:, k], position[:, k], own[1])
-    return found + _delays(recording, lags, period)
+            if own[1] > ALIKE:
+                slopes[joint] = float(np.std(position[:, k]) / np.std(command[:, k]))
+    return [*found, *_units(recording, slopes), *_delays(recording, lags, period)]
 
 
 def check_repeats(
@@ -87,7 +91,7 @@ def check_repeats(
     spread: dict[str, float] = {}
     pairs = []
     for run in runs:
-        same = next((each for each in first if _same_commands(each, run)), None)
+        same = next((each for each in first if same_commands(each, run)), None)
         if same is None:
             first.append(run)
             continue
@@ -107,7 +111,7 @@ def check_repeats(
     return [Finding("info", "repeats", text, spread)]
 
 
-def _same_commands(one: JointRun, other: JointRun) -> bool:
+def same_commands(one: JointRun, other: JointRun) -> bool:
     """Whether two trajectories were told the same, but for jitter of time."""
     count = min(len(one.time), len(other.time))
     if count < 0.95 * max(len(one.time), len(other.time)):
@@ -202,15 +206,19 @@ def _delays(
     return found
 
 
-def _slope(
-    column: str, joint: str, command: np.ndarray, position: np.ndarray, alike: float
-) -> list[Finding]:
-    """A position in another unit than the command's."""
-    factor = float(np.std(position) / np.std(command))
-    for family, size in (("position", DEGREES), ("command", 1.0 / DEGREES)):
-        if alike > ALIKE and 0.8 < factor / size < 1.25:
-            text = f"{column} moves {factor:.2g} times as far as its command: "
-            text += f"its {family} looks like degrees; say so in a --map file: "
-            text += repr(degrees_map([family]))
-            return [Finding("refuse", "units", text, {joint: factor})]
-    return []
+def _units(recording: Recording, slopes: dict[str, float]) -> list[Finding]:
+    """Positions in another unit than their commands; how far they move beside them."""
+    wrong = {
+        joint: f"{family}.{joint}"
+        for family, size in (("position", DEGREES), ("command", 1.0 / DEGREES))
+        for joint, factor in slopes.items()
+        if 0.8 < factor / size < 1.25
+    }
+    advice = repr(degrees_map(list(wrong.values()), recording.columns))
+    found = []
+    for joint, column in wrong.items():
+        text = f"{recording.name}: column 'position.{joint}' moves {slopes[joint]:.2g} "
+        text += f"times as far as its command: its {column.partition('.')[0]} looks "
+        text += f"like degrees; say so in a --map file: {advice}"
+        found.append(Finding("refuse", "units", text, {joint: slopes[joint]}))
+    return found

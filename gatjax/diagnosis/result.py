@@ -24,6 +24,7 @@ NUMBERS = {
     "friction": "N*m",
 }  # fmt: skip
 """Of nominal numbers that are calibrated; that of kp depends on the drive."""
+ZEROS = {"zero_out": "encoder zero", "zero_in": "encoder zero, seen by the servo"}
 
 
 def interval(verdict: Verdict, claim: Claim, seed: int) -> dict[str, dict[str, Any]]:
@@ -214,10 +215,13 @@ def calibration_rows(verdict: Verdict) -> list[dict[str, Any]]:
                  "nominal": joint.nominal[name], "fitted": drive[name],
                  "tolerance": share * joint.nominal[name]}
             )  # fmt: skip
+        for name, told in ZEROS.items() if joint.servoed else [*ZEROS.items()][:1]:
+            rows.append(
+                {"parameter": told, "where": joint.name, "unit": "rad",
+                 "nominal": joint.nominal.get(name, 0.0), "fitted": drive[name],
+                 "tolerance": joint.allowed.zero}
+            )  # fmt: skip
         rows += [
-            {"parameter": "encoder zero", "where": joint.name, "unit": "rad",
-             "nominal": joint.nominal.get("zero_out", 0.0), "fitted": drive["zero_out"],
-             "tolerance": joint.allowed.zero},
             {"parameter": "transport of commands", "where": joint.name, "unit": "s",
              "nominal": joint.nominal["delay"], "fitted": drive["delay"],
              "tolerance": joint.allowed.late},
@@ -240,7 +244,10 @@ def sentence(verdict: Verdict, rows: list[dict[str, Any]]) -> str:
     names = [verdict.judge.joints[k].name for k in verdict.unexplained]
     left = ", ".join(names[:4]) + (" and others" if len(names) > 4 else "")
     if not (rows or names):
-        return "The simulation agrees with the logs within its tolerances."
+        return (
+            "The simulation agrees with the logs within its tolerances, as far as "
+            "these motions show it."
+        )
     if verdict.verdict == "named" and not names:
         return f"The simulation lacks {every}."
     if not names:

@@ -123,9 +123,13 @@ def decide(judge: Judge) -> Verdict:
 
 
 def _everywhere(judge: Judge) -> list[Cause]:
-    """The causes of a whole robot that is wrong in several ways, taken for known."""
+    """The causes of a whole robot that is wrong in several ways, taken for known.
+
+    None where joints agree on no value at all: a body that is heavier than the model's,
+    say, is something else at each joint.
+    """
     found, known = agreed.valued(judge, everywhere.causes(judge))
-    if not found:
+    if all(len(each.claims) == len(judge.joints) for each in found):
         return []
     judge.take([claim for each in found for claim in each.claims], known)
     every, out = tuple(range(len(judge.joints))), []

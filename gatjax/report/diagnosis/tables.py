@@ -19,7 +19,11 @@ from gatjax.report.sections import section
 from gatjax.report.wording import DASH, duration, escape, number, percent, significant
 
 SHOWN = 12  # rows before a table folds
-ABSOLUTE = ("encoder zero", "transport of commands")  # the others are factors
+ABSOLUTE = (
+    "encoder zero",
+    "encoder zero, seen by the servo",
+    "transport of commands",
+)  # the others are factors
 MOST = 3.0  # tolerances that fill a bar
 FAR = 2.0  # tolerances, standard deviations: a number that is off by more is marked
 LEVELS = ("refuse", "warning", "info")
