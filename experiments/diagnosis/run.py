@@ -4,8 +4,8 @@
 
 makes 40 cases of each kind (seeds 44001 to 44004) and diagnoses them. Ctrl-C keeps what
 is solved, and the same command goes on. It writes marks/44000.json and prints its
-scores; scores.md and its pictures are those of SAMPLE, the seeds of one method:
-no file differs that `gatjax.diagnosis`, the cases or the marks import. So a large
+scores; fresh.md and its picture are those of FRESH, the last seed; scores.md and its
+pictures are those of SAMPLE, the seeds of one method: no file differs that `gatjax.diagnosis`, the cases or the marks import. So a large
 sample can be made on several days and machines. A seed must be fresh: no case of it was
 looked at while the method was made, and the method stays as it is until the last one is
 solved.
@@ -34,6 +34,8 @@ KINDS = ("single", "pair", "null", "outside")
 ROBOTS = ("arm_servo", "arm_two", "leg_six", "quad_hung")
 STOPPED = (-2, -15, 130)  # exit codes of what Ctrl-C ended
 SAMPLE = range(48000, 54000, 1000)  # seeds that scores.md is about
+FAINT = (56001,)  # effects from d 0.3 on, beside these in detection.png
+FRESH = 57000  # all kinds, by the method as it is: fresh.md
 LEAST = "3"  # visibility d that effects aim at
 METHOD = (  # and whatever these import
     "gatjax.diagnosis.diagnose", "gatjax.diagnosis.suitable", "gatjax.data.checks",
@@ -118,7 +120,7 @@ def kept(file: Path) -> list[Mark]:
 
 
 def draw() -> None:
-    """Write the scores of SAMPLE and their pictures."""
+    """Write the scores of SAMPLE and FRESH, and their pictures."""
     files = [HERE / "marks" / f"{seed}.json" for seed in SAMPLE]
     if len({method(read_json(file)["commit"]) for file in files}) > 1:
         raise SystemExit("the seeds of SAMPLE were not measured with one method")
@@ -126,7 +128,11 @@ def draw() -> None:
     text = tables.document({"gatjax": every})
     write_whole({HERE / "scores.md": text.encode()})
     figures.draw_confusion([m for m in every if m.main], HERE / "confusion.png")
-    figures.draw_detection({"gatjax": every}, HERE / "detection.png")
+    faint = [row for seed in FAINT for row in kept(HERE / "marks" / f"{seed}.json")]
+    figures.draw_detection({"gatjax": [*every, *faint]}, HERE / "detection.png")
+    fresh = kept(HERE / "marks" / f"{FRESH}.json")
+    write_whole({HERE / "fresh.md": tables.document({"gatjax": fresh}).encode()})
+    figures.draw_confusion([m for m in fresh if m.main], HERE / "fresh.png")
 
 
 def main() -> None:
@@ -147,7 +153,7 @@ def main() -> None:
             break  # Ctrl-C: what is solved counts
     file = keep(given.out, given.seed, commit)
     print(tables.document({"gatjax": kept(file)}))
-    if given.seed in SAMPLE:
+    if given.seed in (*SAMPLE, FRESH):
         draw()
 
 
