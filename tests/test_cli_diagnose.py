@@ -6,7 +6,7 @@ import pytest
 from gatjax.cli import main
 from gatjax.cli.arguments import Diagnose, parse
 from gatjax.cli.diagnosis import read_given
-from gatjax.cli.found import gain_lines, named_lines
+from gatjax.cli.found import gain_lines, named_lines, unseen_lines
 from gatjax.data.recording import Recording, write_recording
 from gatjax.diagnosis.diagnose import given as given_logs
 from gatjax.diagnosis.start import Start
@@ -265,3 +265,14 @@ def test_the_gain_is_said_only_where_it_was_measured():
         "5% more" in gain_lines(worse, True)[0]
         and "no gain is proven" in gain_lines(worse, True)[-1]
     )
+
+
+def test_a_verdict_of_none_tells_what_may_be_there_all_the_same():
+    least = {
+        "cause": "dead_band", "where": ["knee"], "parameter": "half_width",
+        "value": 0.00412, "unit": "rad", "at_most": False,
+    }  # fmt: skip
+    (line,) = unseen_lines({"verdict": "none", "smallest_effects": [least] * 9})
+    assert line.count("dead band 0.0041 rad (half_width) at knee") == 3
+    assert unseen_lines({"verdict": "named", "smallest_effects": [least]}) == []
+    assert unseen_lines({"verdict": "none", "smallest_effects": []}) == []

@@ -72,6 +72,7 @@ def test_a_share_that_joints_have_in_common_is_told_in_newton_metres_of_each():
     assert (whole["where"], small["where"]) == (["elbow", "shoulder"], ["wrist"])
     assert whole["parameters"]["torque"]["value"] == pytest.approx(0.5)
     assert small["parameters"]["torque"]["value"] == pytest.approx(0.1)
+    assert candidates(said)[0]["parameters"] == {}  # no one value
 
 
 def test_a_rival_that_cannot_stand_beside_the_others_is_not_compared():
