@@ -5,10 +5,10 @@
 makes 40 cases of each kind (seeds 44001 to 44004) and diagnoses them. Ctrl-C keeps what
 is solved, and the same command goes on. It writes marks/44000.json and prints its
 scores; fresh.md and its picture are those of FRESH, the last seed; scores.md and its
-pictures are those of SAMPLE, the seeds of one method: no file differs that `gatjax.diagnosis`, the cases or the marks import. So a large
-sample can be made on several days and machines. A seed must be fresh: no case of it was
-looked at while the method was made, and the method stays as it is until the last one is
-solved.
+pictures are those of SAMPLE, the seeds of one method: no file differs that
+`gatjax.diagnosis`, the cases or the marks import. So a large sample can be made on
+several days and machines. A seed must be fresh: no case of it was looked at while the
+method was made, and the method stays as it is until the last one is solved.
 """
 
 from __future__ import annotations
