@@ -12,6 +12,7 @@ import pytest
 from pyarrow import parquet
 
 from gatjax.cli import main
+from gatjax.cli.engine import heed_engine
 from gatjax.data import sampling
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import JointRun
@@ -94,9 +95,9 @@ def test_a_plain_model_is_diagnosed(tmp_path: Path) -> None:
     mujoco.MjModel.from_xml_path(str(out / "extended.xml"))
 
 
-def test_a_model_that_falls_apart_is_refused(tmp_path, capsys, monkeypatch) -> None:
-    """It names the log and the moment, before anything is fitted."""
-    monkeypatch.chdir(tmp_path)  # MuJoCo writes a log there
+def test_a_model_that_falls_apart_is_refused(tmp_path, capfd, monkeypatch) -> None:
+    """It names the log and the moment, before anything is fitted; MuJoCo is silent."""
+    monkeypatch.chdir(tmp_path)  # MuJoCo would write its warnings there
     sound = mujoco.MjModel.from_xml_string(PLAIN)
     logged(sound, tmp_path / "fit.parquet", 1, 8.0)
     light = PLAIN.replace('armature="0.002"', 'armature="0"').replace("0.4", "1e-6")
@@ -107,8 +108,19 @@ def test_a_model_that_falls_apart_is_refused(tmp_path, capsys, monkeypatch) -> N
     command = ["diagnose", "--model", str(tmp_path / "robot.xml"), "--data"]
     command += [str(tmp_path / "fit.parquet"), "--out", str(tmp_path / "out")]
     assert main(command) == 1
-    line = capsys.readouterr().err.strip().splitlines()[-1]
+    said = capfd.readouterr().err
+    line = said.strip().splitlines()[-1]
     assert "falls apart" in line and "fit.parquet" in line
+    assert "unstable" not in said and not (tmp_path / "MUJOCO_LOG.TXT").exists()
+
+
+def test_what_the_engine_warns_of_is_told_once(capsys) -> None:
+    heed_engine()
+    tell = mujoco.get_mju_user_warning()
+    for row in (1, 2):
+        tell(f"Too many contacts. Increase memory at {row}")
+    tell("Nan in QACC at DOF 0. The simulation is unstable. Time = 0.1.")
+    assert capsys.readouterr().err.count("warning: MuJoCo: Too many contacts") == 1
 
 
 def test_a_simulation_that_gave_up_is_told_from_one_at_rest() -> None:

@@ -52,8 +52,10 @@ def _act(chosen: Any) -> None:
 
         bring(chosen)
         return
+    from gatjax.cli.engine import heed_engine
     from gatjax.cli.verbs import act
 
+    heed_engine()
     act(chosen)
 
 
