@@ -86,6 +86,9 @@ def _tilt() -> Hypothesis:
     return plain._replace(put=put, starts=plain.starts + more)
 
 
+FADED = 0.3  # of the top speed of a joint: there stiction has faded at the latest
+
+
 def _stiction() -> Hypothesis:
     def values(joint: Joint, x: np.ndarray) -> Numbers:
         return {
@@ -245,6 +248,21 @@ OTHERS: tuple[Hypothesis, ...] = (
 
 
 def of_drive(joint: Joint, bank: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ...]:
-    """Those hypotheses of a bank that the drive of a joint can have, not known yet."""
+    """Those hypotheses of a bank that the drive of a joint can have, not known yet.
+
+    Stiction has to fade within its motion: else it is dry friction by another name.
+    """
     barred = joint.assumed.barred | (frozenset() if joint.servoed else SERVOED)
-    return tuple(each for each in bank if not {each.cause, each.name} & barred)
+    return tuple(
+        _fading(each, joint) if each.cause == "stiction" else each
+        for each in bank
+        if not {each.cause, each.name} & barred
+    )
+
+
+def _fading(stiction: Hypothesis, joint: Joint) -> Hypothesis:
+    """Stiction that has faded at a share of the joint's top speed."""
+    low, high = stiction.low[1], stiction.high[1]
+    most = float(np.clip(np.log(FADED * joint.fastest), low, high))
+    starts = {(excess, min(speed, most)): None for excess, speed in stiction.starts}
+    return stiction._replace(starts=tuple(starts), high=(stiction.high[0], most))

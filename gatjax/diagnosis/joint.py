@@ -88,6 +88,13 @@ class Joint(NamedTuple):
         given = (*(self.nominal[name] for name in names), limit)
         return self.assumed.motor or given
 
+    @property
+    def fastest(self) -> float:
+        """Speed that a hundredth of its motion exceeds, rad/s."""
+        path, runs = np.asarray(self.grid.path), np.asarray(self.grid.running)
+        speed = np.abs(np.diff(path, axis=0))[runs[1:] > 0.0] / STEP
+        return float(np.quantile(speed, 0.99))
+
     def drawn(self, rate: float) -> Joint:
         """The same, drawn to its measured motion at a rate in 1/s; 0: not at all.
 
