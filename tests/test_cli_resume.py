@@ -189,10 +189,11 @@ def test_a_finished_run_says_so(started, tmp_path, capsys, monkeypatch, finished
     monkeypatch.setattr(loop, "run", work)
     monkeypatch.setattr(verbs, "make_robot", lambda *_: None)
     monkeypatch.setattr(verbs, "build_report", lambda folder: folder / "report.html")
+    monkeypatch.setattr(verbs, "headline", lambda folder: "GAT is faster.")
     assert main(["run", "--resume", "--out", str(tmp_path)]) == 0
     printed = capsys.readouterr().out
     assert ("finished already; its report is written again" in printed) is finished
-    assert f"report {started[1] / 'report.html'}" in printed
+    assert f"GAT is faster.\nreport {started[1] / 'report.html'}" in printed
 
 
 # Ctrl-C and errors that nobody foresaw

@@ -20,7 +20,7 @@ from gatjax.cli.progress import shown
 from gatjax.cli.resume import open_search, resumed
 from gatjax.data.mapping import read_map
 from gatjax.data.recording import read_recording
-from gatjax.report import build_report
+from gatjax.report import build_report, headline
 from gatjax.report.page import build_walk_page
 from gatjax.robot.model import check_walker
 from gatjax.runs import Progress
@@ -64,7 +64,8 @@ def run(verb: verbs.Run) -> None:
         loop.run(folder, settings, robot, Progress(stage, progress.work))
     if not done:
         print("this run was finished already; its report is written again")
-    print(f"report {build_report(folder)}")
+    report = build_report(folder)
+    print(f"{headline(folder)}\nreport {report}")
 
 
 @act.register
@@ -216,7 +217,8 @@ def report(verb: verbs.Report) -> None:
     """Write the report of a run folder."""
     folder = runs.latest_run("runs") if verb.run is None else verb.run
     runs.check_run(folder)
-    print(f"report {build_report(folder)}")
+    report = build_report(folder)
+    print(f"{headline(folder)}\nreport {report}")
 
 
 @act.register

@@ -16,13 +16,13 @@ from gatjax.sim.poses import write_walk
 
 
 def walk(
-    setting: Setting, candidates: list[Candidate], with_seeds: Sequence[int]
+    setting: Setting, candidates: list[Candidate], with_seeds: Sequence[int], stage: str
 ) -> None:
     """Walk candidates on the robot, each with the same seeds; once."""
     count, known = len(with_seeds), measured(setting.folder, "robot_rollouts")
     todo = [c for c in candidates if tuple(c.key.values()) not in known]
     if todo:
-        setting.progress.stage(f"{todo[0].method}: walk on the robot")
+        setting.progress.stage(f"{todo[0].method}: {stage}")
         policies = np.repeat([c.policy for c in todo], count, axis=0)
         every = [*with_seeds] * len(todo)
         _, result = setting.robot.walk(policies, every, setting.task)
@@ -50,7 +50,8 @@ def walk(
 def evaluate(setting: Setting, candidates: list[Candidate]) -> None:
     """Walk every candidate of a search on the robot."""
     settings = setting.settings
-    walk(setting, candidates, seeds(EVALUATION, settings.seed, settings.evaluations))
+    drawn = seeds(EVALUATION, settings.seed, settings.evaluations)
+    walk(setting, candidates, drawn, "walk on the robot")
 
 
 def confirm(setting: Setting, candidate: Candidate) -> None:
@@ -59,7 +60,7 @@ def confirm(setting: Setting, candidate: Candidate) -> None:
     The winner was picked on few walks, so those flatter it; these walks judge it.
     """
     fresh = seeds(CONFIRMATION, setting.settings.seed, CONFIRMATIONS)
-    walk(setting, [candidate], fresh)
+    walk(setting, [candidate], fresh, "confirm on the robot")
 
 
 def winner(setting: Setting, candidates: list[Candidate]) -> Candidate | None:

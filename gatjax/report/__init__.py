@@ -1,5 +1,5 @@
 """Run folder to one self-contained html; reads files only."""
 
-from gatjax.report.page import build_report
+from gatjax.report.page import build_report, headline
 
-__all__ = ["build_report"]
+__all__ = ["build_report", "headline"]

@@ -50,6 +50,11 @@ def build_report(folder: Path) -> Path:
     return path
 
 
+def headline(folder: Path) -> str:
+    """What came out of a run, in one sentence: that on top of its report."""
+    return judge(summarise(read_run(Path(folder)))).sentence
+
+
 def render(run: Run, summary: Summary, verdict: Verdict, walks: list[Walk]) -> str:
     """Put the page of a run together."""
     robot = escape(run.robot.get("name", "unknown robot"))

@@ -117,14 +117,23 @@ def location(diagnosis: Diagnosis) -> str:
     if not joints:
         return section(heading, "<p>No residuals per joint were written.</p>")
     shown = joints[:MOST_JOINTS]
-    head_row = ("joint", "nominal", "after tolerances", "extended", "beyond tolerances")
+    head_row = (
+        "joint",
+        "nominal",
+        "after tolerances",
+        "with causes",
+        "beyond tolerances",
+    )
     rows = folded(head_row, [_joint_row(joint) for joint in shown], 8)
     left = len(joints) - len(shown)
     drawn = ", ".join(joint.name for joint in shown if joint.drawn)
     note = (
         "Rms of measured minus simulated on the fit logs, worst joint first. Pale bar: "
         "nominal model. Full bar: what is left after masses, gains and friction were "
-        "fitted within their tolerances. Dot: extended model. Stroke: noise floor. "
+        "fitted within their tolerances. Dot: with the causes, too. Stroke: noise. "
+        "All of it of one joint at a time. The extended model of the pictures and of "
+        "the gain has the causes and the calibration, not the masses and small "
+        "corrections that were fitted beside them, so it leaves somewhat more. "
         "Beyond tolerances: share of the power left after tolerances that is more than "
         "a right model leaves."
         + (f" {left} quieter joints are left out." if left else "")
@@ -138,7 +147,7 @@ def location(diagnosis: Diagnosis) -> str:
     )
     keys = key(
         ("none", "nominal (full: after tolerances)"),
-        ("gat", "extended"),
+        ("gat", "with causes"),
         ("ink", "noise"),
     )
     shape = picture("Residual by joint", location_picture(shown))

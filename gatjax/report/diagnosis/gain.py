@@ -123,7 +123,7 @@ def _note(floor: float, ceiling: float, nominal: float) -> str:
         "rms over joints and time. Gain is 1 - after / before. "
     )
     if math.isfinite(floor):
-        words += f"Noise floor {degrees(floor)}: no model can do better. "
+        words += f"Noise floor {degrees(floor)}: about what a right model leaves. "
     if math.isfinite(ceiling):
         words += (
             f"Learned model (GAT forward model, trained on the fit logs): "
