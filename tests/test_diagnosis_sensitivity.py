@@ -13,6 +13,7 @@ from gatjax.diagnosis.claims import LATER, PLACE, PRICE, WORTH, Claim
 from gatjax.diagnosis.coordinates import factor, positive
 from gatjax.diagnosis.findings import AGAIN, SEEN, VISIBLE
 from gatjax.diagnosis.hypotheses import COUNT, tolerated
+from gatjax.diagnosis.joint import Joint
 from gatjax.diagnosis.judge import Judge
 
 LOADED, OFFSET = "of the servo's torque", "log only"
@@ -87,6 +88,7 @@ def test_the_smallest_stiction_is_a_finding_at_the_speed_that_shows_it_best(
 ):
     stiction = next(h for h in CAUSES if h.cause == "stiction")
     monkeypatch.setattr(sensitivity, "CAUSES", [stiction])
+    monkeypatch.setattr(Joint, "fastest", 10.0)  # rad/s; its grid has no path
     row, one, margins = found(judge)["stiction"], judge.joints[0], []
     ladders = sensitivity._ladders(one, stiction)
     speeds = [stiction.values(one, each.own(-1.0))["velocity"] for each in ladders]

@@ -18,11 +18,11 @@ from gatjax.sim.compiled import host, on_cpu
 def test_only_processors_that_the_process_was_given_are_used():
     assert processors.usable() == sorted(os.sched_getaffinity(0))
     given = processors.usable()[-1]
-    ask = "from gatjax.diagnosis.case import THREADS; print(THREADS)"
-    told = subprocess.run(
-        [sys.executable, "-c", ask], capture_output=True, text=True,
-        preexec_fn=lambda: os.sched_setaffinity(0, {given}),
-    )  # fmt: skip
+    ask = (
+        f"import os; os.sched_setaffinity(0, {{{given}}}); "
+        "from gatjax.diagnosis.case import THREADS; print(THREADS)"
+    )
+    told = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True)
     assert told.stdout.strip() == "1"
 
 

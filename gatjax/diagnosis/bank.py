@@ -262,7 +262,7 @@ def of_drive(joint: Joint, bank: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ..
 
 def _fading(stiction: Hypothesis, joint: Joint) -> Hypothesis:
     """Stiction that has faded at a share of the joint's top speed."""
-    low, high = stiction.low[1], stiction.high[1]
-    most = float(np.clip(np.log(FADED * joint.fastest), low, high))
+    slowest, usual = np.exp([stiction.low[1], stiction.high[1]])
+    most = float(np.log(np.clip(FADED * joint.fastest, slowest, usual)))
     starts = {(excess, min(speed, most)): None for excess, speed in stiction.starts}
     return stiction._replace(starts=tuple(starts), high=(stiction.high[0], most))
