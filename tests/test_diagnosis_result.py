@@ -8,8 +8,15 @@ from gatjax.diagnosis.bank import CAUSES, OTHERS
 from gatjax.diagnosis.claims import Claim, Stance
 from gatjax.diagnosis.experiment import sides
 from gatjax.diagnosis.fit import Fit
+from gatjax.diagnosis.hypotheses import COUNT, TOLERANCES
 from gatjax.diagnosis.judge import Judge
-from gatjax.diagnosis.result import SHOWN, candidates, cause_rows, sentence
+from gatjax.diagnosis.result import (
+    SHOWN,
+    calibration_rows,
+    candidates,
+    cause_rows,
+    sentence,
+)
 from gatjax.diagnosis.verdict import Cause, Verdict
 
 FIT = Fit(
@@ -73,6 +80,21 @@ def test_a_share_that_joints_have_in_common_is_told_in_newton_metres_of_each():
     assert whole["parameters"]["torque"]["value"] == pytest.approx(0.5)
     assert small["parameters"]["torque"]["value"] == pytest.approx(0.1)
     assert candidates(said)[0]["parameters"] == {}  # no one value
+
+
+def test_the_zero_that_a_servo_sees_is_calibrated_and_a_motor_has_none():
+    said = verdict([])
+    servo = said.judge.joints[0]
+    motor = servo._replace(name="wheel", nominal=servo.nominal | {"hold": 0.0})
+    x = np.zeros(COUNT)
+    x[TOLERANCES.index("zero_in")] = 2.0
+    said.judge.joints, said.judge.known = [servo, motor], [FIT._replace(x=x)] * 2
+    rows = [r for r in calibration_rows(said) if "encoder zero" in r["parameter"]]
+    assert [(row["where"], row["parameter"]) for row in rows] == [
+        ("elbow", "encoder zero"), ("elbow", "encoder zero, seen by the servo"),
+        ("wheel", "encoder zero"),
+    ]  # fmt: skip
+    assert rows[1]["fitted"] == pytest.approx(2.0 * rows[1]["tolerance"])
 
 
 def test_a_rival_that_cannot_stand_beside_the_others_is_not_compared():

@@ -64,6 +64,11 @@ def run(verb: verbs.Run) -> None:
         loop.run(folder, settings, robot, Progress(stage, progress.work))
     if not done:
         print("this run was finished already; its report is written again")
+    _reported(folder)
+
+
+def _reported(folder: Path) -> None:
+    """Write the report of a run, and say what came out."""
     report = build_report(folder)
     print(f"{headline(folder)}\nreport {report}")
 
@@ -217,8 +222,7 @@ def report(verb: verbs.Report) -> None:
     """Write the report of a run folder."""
     folder = runs.latest_run("runs") if verb.run is None else verb.run
     runs.check_run(folder)
-    report = build_report(folder)
-    print(f"{headline(folder)}\nreport {report}")
+    _reported(folder)
 
 
 @act.register

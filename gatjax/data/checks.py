@@ -44,7 +44,7 @@ def findings(recording: Recording, ranges: Ranges, role: Role) -> list[Finding]:
         Findings in the order of the checks; the caller obeys level "refuse". What
         compares positions with commands is for commands that are angles.
     """
-    joints = [c[8:] for c in recording.columns if c.startswith("command.")]
+    joints = _told(recording)
     runs = [_powered(run) for run in to_arrays(recording, joints)]
     position = {joint: recording.columns[f"position.{joint}"] for joint in joints}
     steps = {joint: sampling.encoder_step(position[joint]) for joint in joints}
@@ -71,6 +71,11 @@ def findings(recording: Recording, ranges: Ranges, role: Role) -> list[Finding]:
     if follows:
         found += tracking.check_tracking(recording, runs, joints)
     return [*found, *tracking.check_repeats(recording, runs, joints)]
+
+
+def _told(recording: Recording) -> list[str]:
+    """Joints that a recording has commands of."""
+    return [c[8:] for c in recording.columns if c.startswith("command.")]
 
 
 def _powered(run: JointRun) -> JointRun:
@@ -190,11 +195,11 @@ def same_commands(
     """A warning for each held-out recording that was told what a fitted one was."""
     found: list[list[Finding]] = []
     for there in held:
-        joints = sorted(c[8:] for c in there.columns if c.startswith("command."))
+        joints = _told(there)
         known = [
             run
             for each in fit
-            if {f"command.{joint}" for joint in joints} <= {*each.columns}
+            if {*joints} <= {*_told(each)}
             for run in to_arrays(each, joints)
         ]
         own = [

@@ -215,9 +215,9 @@ def calibration_rows(verdict: Verdict) -> list[dict[str, Any]]:
                  "nominal": joint.nominal[name], "fitted": drive[name],
                  "tolerance": share * joint.nominal[name]}
             )  # fmt: skip
-        for name, told in ZEROS.items() if joint.servoed else [*ZEROS.items()][:1]:
+        for name in ZEROS if joint.servoed else ("zero_out",):
             rows.append(
-                {"parameter": told, "where": joint.name, "unit": "rad",
+                {"parameter": ZEROS[name], "where": joint.name, "unit": "rad",
                  "nominal": joint.nominal.get(name, 0.0), "fitted": drive[name],
                  "tolerance": joint.allowed.zero}
             )  # fmt: skip

@@ -76,7 +76,7 @@ class World:
     @property
     def learned(self) -> bool:
         """Whether a command effect comes from elsewhere than the catalogue."""
-        ours = {f"{row['cause']}_{place}" for place, row in enumerate(self.causes)}
+        ours = {_effect(row["cause"], n) for n, row in enumerate(self.causes)}
         return not ours.issuperset(self.command)
 
     @property
@@ -171,7 +171,7 @@ def add_cause(
         if key:  # an effect of the cause acts at other joints already
             old = getattr(world.values, slot)[key]
             params = _placed(params, old, np.isin(names, where))
-        key = key or f"{name}_{len(world.causes)}"
+        key = key or _effect(name, len(world.causes))
         if part.build is not None and key not in getattr(world, slot):
             period = world.model.opt.timestep
             period = period if slot in ("motor", "joint") else world.task.control_period
@@ -193,6 +193,11 @@ def add_causes(
     for name, where, values in rows:
         world = add_cause(world, name, where, values)
     return world
+
+
+def _effect(cause: str, place: int) -> str:
+    """Name of the effects of the first row, by its place, of those that share them."""
+    return f"{cause}_{place}"
 
 
 def _placed(params: Any, old: Any, here: np.ndarray) -> Any:
