@@ -166,7 +166,8 @@ def test_the_sine_is_right_where_rates_and_times_take_it():
     "law",
     [
         {"lag": 0.03}, {"quantum": 0.05}, {"rate": 1.0}, {"speed": 2.0},
-        {"stiction": 0.5}, {"loaded": 0.5}, {"asymmetric": 0.4}, {"ripple": 0.3,
+        {"stiction": 0.5}, {"loaded": 0.5}, {"asymmetric": 0.4}, {"one_sided": 0.4},
+        {"ripple": 0.3,
         "cycles": 8.0}, {"zero_in": 0.05}, {"zero_out": 0.05}, {"scale": 1.05},
         {"sag": 0.4}, {"drag": 0.4}, {"spring": 2.0}, {"bias": 0.5},
         {"wave": 0.4, "frequency": 9.0}, {"integral": 5.0}, {"drift": 0.01},
@@ -187,6 +188,15 @@ def test_friction_of_one_direction_acts_in_that_direction_only():
     fast = np.abs(speed) > 0.5 * np.abs(speed).max()
     assert np.mean(error[fast & (speed > 0)]) < -0.01
     assert abs(np.mean(error[fast & (speed < 0)])) < 0.005
+
+
+def test_damping_of_one_direction_acts_in_that_direction_only():
+    one = joint(wave)
+    error = seen(one, one_sided=-0.8) - seen(one)
+    speed = np.gradient(seen(one))
+    fast = np.abs(speed) > 0.5 * np.abs(speed).max()
+    assert np.mean(error[fast & (speed < 0)]) > 0.01
+    assert abs(np.mean(error[fast & (speed > 0)])) < 0.005
 
 
 def test_friction_behind_the_gear_lets_the_motor_wind_it_up():

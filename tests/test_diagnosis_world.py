@@ -52,6 +52,7 @@ OWN = {  # coordinates, where the bank's middle start does too little or too muc
     "command_quantization": (np.log(0.08),),
     "stiction": (np.log(0.3), np.log(0.8)),
     "asymmetric_friction": (-0.1,),
+    "asymmetric_friction grows with speed": (-0.05, 1.0),
     "encoder_offset": (0.2,),
     "encoder_scale": (-0.08,),
     "load_friction": (np.log(0.3),),

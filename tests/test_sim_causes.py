@@ -231,6 +231,16 @@ CASES = {
         {"torque": -0.5},
         lambda: rows(swing(friction=lambda v, pull: (FRICTION, FRICTION + 0.5))),
     ),
+    "asymmetric_friction with speed": (
+        {"torque": 0.2, "viscous": 0.4},
+        lambda: rows(swing(
+            friction=lambda v, pull: (FRICTION + 0.2 + 0.4 * abs(v), FRICTION))),
+    ),
+    "asymmetric_friction against": (
+        {"torque": 0.2, "viscous": -0.4},
+        lambda: rows(swing(
+            friction=lambda v, pull: (FRICTION + 0.2, FRICTION + 0.4 * abs(v)))),
+    ),
     "dead_band": ({"half_width": 0.04}, lambda: rows(banded(0.04))),
     "command_quantization": (
         {"step": 0.11}, lambda: rows(swing(0.11 * np.floor(HELD / 0.11 + 0.5))),

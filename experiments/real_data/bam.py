@@ -13,19 +13,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rounds import repeated
+from rounds import found, repeated
 
 from gatjax.data.readers.assemble import joined
 from gatjax.data.recording import Recording, read_recording, write_recording
 from gatjax.data.trajectories import to_arrays
 from gatjax.diagnosis.measure import stretched
+from gatjax.diagnosis.start import read_start
 from gatjax.runs import write_json
 from gatjax.sim.replay import replay_many
-from gatjax.sim.world import World, read_world, stacked, stiffened
+from gatjax.sim.world import World, stacked, stiffened
 
 HERE = Path(__file__).parent
 MODEL = HERE / "models/xl330.xml"
 PERIOD = 0.005  # s, to which BAM resamples its logs
+STEP = 5e-4  # s, of the physics
 HELD_OUT: dict[str, Callable[[str], bool]] = {
     "kp200": lambda name: "kp200" in name,
     "drop": lambda name: "lift_and_drop" in name,
@@ -81,13 +83,13 @@ def diagnosed(split: str, out: Path) -> dict[str, Any]:
     write_json(out / "tolerances.json", TOLERANCES)
     given = ["--data", f"{out}/fit.parquet", "--tolerances", f"{out}/tolerances.json"]
     rounds = repeated(["--model", str(MODEL)], given, out)
-    world, _ = read_world(rounds[-1])
+    world = read_start(rounds[-1]).world(PERIOD, STEP)
     told = {name: errors(world, some) for name, some in sets.items()}
     return {
         "fit_deg": float(np.mean(told["fit"])),
         "held_out_deg": float(np.mean(told["held"])),
         "logs_deg": dict(zip([log.name for log in sets["held"]], told["held"],
                              strict=True)),
-        "causes": [row for row in world.causes if row.get("role") != "calibration"],
+        "causes": [row for folder in rounds for row in found(folder)],
         "rounds": len(rounds),
     }  # fmt: skip

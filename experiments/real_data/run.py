@@ -17,6 +17,7 @@ from typing import Any
 
 import bam
 import dfki
+import emps
 import hidden
 import so101
 
@@ -33,8 +34,17 @@ def of_bam(out: Path) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def of_emps(out: Path) -> dict[str, Any]:
+    """An axis whose records may not be carried along."""
+    if not (EMPS / "DATA_EMPS.mat").is_file():
+        print(f"emps: left out, {EMPS} has no DATA_EMPS.mat (nonlinearbenchmark.org)")
+        return {"test_rmse_mm": None}
+    return emps.compared(out, EMPS)
+
+
+EMPS = Path(__file__).parents[3] / "shared/data/real/emps"
 PARTS: dict[str, Callable[[Path], dict[str, Any]]] = {
-    "bam": of_bam, "so101": so101.compared, "dfki": dfki.compared,
+    "bam": of_bam, "so101": so101.compared, "emps": of_emps, "dfki": dfki.compared,
     "hidden_truths": hidden.compared,
 }  # fmt: skip
 

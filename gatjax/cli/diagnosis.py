@@ -29,6 +29,7 @@ from gatjax.data.recording import (
 )
 from gatjax.data.trajectories import check_logged
 from gatjax.diagnosis.diagnose import Logs, diagnose
+from gatjax.diagnosis.excerpt import shortened
 from gatjax.diagnosis.start import Start, read_start
 from gatjax.diagnosis.suitable import (
     cautions,
@@ -86,6 +87,10 @@ def read_given(verb: Diagnose) -> tuple[Start, Logs, Tolerances]:
         {"file": start.source, "level": "warning", "check": "model", "text": text}
         for text in cautions(model)
     ]
+    length = None if floats(model) else shortened(fit, len(joints))
+    if length is not None:
+        model_rows.append({"file": str(verb.data[0]), "level": "warning",
+                           "check": "length", "text": length})  # fmt: skip
     return start, Logs(fit, held, [*model_rows, *rows]), allowed
 
 

@@ -152,6 +152,25 @@ def _torque_speed() -> Hypothesis:
     return base._replace(variant="motor", values=values)
 
 
+def _directed() -> Hypothesis:
+    """Friction of one direction whose viscous part has a direction of its own."""
+
+    def values(joint: Joint, x: np.ndarray) -> Numbers:
+        torque = limit_of(joint) * float(x[0])
+        return {"torque": torque, "viscous": resistance_of(joint) * float(x[1])}
+
+    def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
+        torque, viscous = values(joint, x).values()
+        drive["asymmetric"] = torque
+        drive["one_sided"] = joint.nominal.get("one_sided", 0.0) + viscous
+
+    starts = tuple((0.02 * a, 0.3 * b) for a in (1.0, -1.0) for b in (1.0, -1.0))
+    return Hypothesis(
+        "asymmetric_friction", "grows with speed", put, starts, (0.0024, 0.01),
+        (-1.0, -20.0), (1.0, 20.0), values,
+    )  # fmt: skip
+
+
 def _steps(joint: Joint, residual: np.ndarray) -> Starts:
     """Steps of the target that a residual tells of."""
     return tuple((float(np.log(step)),) for step in quantum.steps(joint, residual))
@@ -198,6 +217,7 @@ CAUSES: tuple[Hypothesis, ...] = (
     _stiction(),
     variant_of(_LOAD, "of the link's torque", {"by_servo": 0.0}),
     variant_of(_LOAD, "of the servo's torque", {"by_servo": 1.0}),
+    variant_of(_LOAD, "of both torques", {"by_both": 1.0}),
     geared(_WIDTH, "link"),
     geared(_WIDTH, "motor"),
     positive("dead_band", "half_width", "dead", 0.002, 0.2, _BANDS),
@@ -209,6 +229,7 @@ CAUSES: tuple[Hypothesis, ...] = (
     geared(_SPRING, "motor"),
     wave("torque_ripple", "", ("ripple", "ripple_phase", "cycles"), _CYCLES),
     signed("asymmetric_friction", "", "asymmetric", "torque", 0.12, 1.0, limit_of),
+    _directed(),
     signed(
         "encoder_offset", "in loop", "zero_in", "offset", 0.06, 0.6,
         values={"in_loop": 1.0},

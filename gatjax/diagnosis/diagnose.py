@@ -25,6 +25,7 @@ from gatjax.diagnosis import (
 )
 from gatjax.diagnosis.case import held, prepare
 from gatjax.diagnosis.drawn import drawn_errors
+from gatjax.diagnosis.excerpt import excerpt
 from gatjax.diagnosis.floor import channels, standing
 from gatjax.diagnosis.floor.judge import StandingJudge
 from gatjax.diagnosis.gain import Predicted, gained, half_second
@@ -82,8 +83,9 @@ class Given(NamedTuple):
     start: Start
     model: mujoco.MjModel
     joints: tuple[str, ...]
-    files: Logs
+    files: Logs  # of long ones to be explained pieces
     logs: list[JointRun]  # to be explained
+    whole: list[JointRun]  # the same, uncut
     unseen: list[JointRun]  # held out
     period: float  # s, of control
     seed: int
@@ -98,11 +100,15 @@ def given(start: Start, files: Logs, seed: int) -> Given:
     """Load the model, and cut recordings into runs of its joints."""
     model = start.model()
     joints = robot_model.joint_names(model)
-    logs, unseen = (
-        [_limited(model, run) for run in cut(some, joints)] for some in files[:2]
+    whole = files.fit
+    if not floats(model):
+        files = files._replace(fit=excerpt(whole, len(joints)))
+    logs, unseen, taught = (
+        [_limited(model, run) for run in cut(some, joints)]
+        for some in (files.fit, files.held, whole)
     )
     period = control_period(logs)
-    return Given(start, model, joints, files, logs, unseen, period, seed)
+    return Given(start, model, joints, files, logs, taught, unseen, period, seed)
 
 
 def _limited(model: mujoco.MjModel, run: JointRun) -> JointRun:
@@ -151,7 +157,10 @@ def diagnose(
     if not data.floating:
         (pairs["nominal"],) = _predicted(data, [made["nominal"]])
         for part, runs, angles in zip(
-            files[:2], (data.logs, data.unseen), pairs["nominal"].angles(), strict=True
+            data.files[:2],
+            (data.logs, data.unseen),
+            pairs["nominal"].angles(),
+            strict=True,
         ):
             servos = robot_model.servoed(data.model)
             check_replay(start.source, part, runs, angles, servos)
@@ -214,7 +223,7 @@ def _told(
     case, seed = verdict.judge.case, data.seed
     gain = None
     if data.unseen:
-        gain = gained(made, pairs, alone, data.logs, data.unseen, case, seed)
+        gain = gained(made, pairs, alone, data.whole, data.unseen, case, seed)
     tell("measure", 0.4)
     advice = experiment.propose(
         verdict, data.start, data.period, seed, out / "world.json"
@@ -232,7 +241,7 @@ def _told(
     lacks, learned = bool(verdict.unexplained) and not data.floating, None
     angles = robot_model.servoed(data.model)
     if lacks and angles and not any(run.stiffness is not None for run in data.logs):
-        learned = fallback.offer(out, made["extended"], data.logs, data.unseen, seed)
+        learned = fallback.offer(out, made["extended"], data.whole, data.unseen, seed)
     tell("measure", 0.9)
     fit, unfit = ([log.name for log in logs] for logs in data.files[:2])
     name = data.model.names.split(b"\0")[0].decode()

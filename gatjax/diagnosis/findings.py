@@ -12,6 +12,7 @@ TOLERABLE = 2.2  # times the reading noise: an explanation may leave that much
 LEAST_SHARE = 0.4  # of the misfit power at its joints that a cause has to explain
 SEEN = 0.3  # times the scatter from tolerances: a smaller change is not a cause
 VISIBLE = 0.5  # the same beside another cause
+DECISIVE = 100.0  # nats: what tolerances fail at so badly may be smaller than they
 SECOND_SHARE = 0.8  # as LEAST_SHARE, where a joint is explained but for a little
 AGAIN = 20.0  # nats of a further cause there, or where tolerances are enough
 DRAWN_SHARE = 0.7  # as LEAST_SHARE, of a further cause at a joint that is drawn
@@ -41,7 +42,8 @@ def worth_naming(judge: Judge, claim: Claim) -> bool:
     done = joints <= own and all(adequate(judge, k) for k in joints)
     if done and share < SECOND_SHARE:
         return False
-    return judge.visibility(claim) > visible
+    beyond = claim.gain > DECISIVE and not all(adequate(judge, k) for k in joints)
+    return (beyond and share >= LEAST_SHARE) or judge.visibility(claim) > visible
 
 
 def needed(judge: Judge, joints: Collection[int]) -> tuple[float, float]:

@@ -33,7 +33,9 @@ class Drive(NamedTuple):
     give: Array  # rad, that dry friction yields before it slips
     loaded: Array  # friction per transmitted torque
     by_servo: Array  # 1: that is the servo's torque, 0: what reaches the link
+    by_both: Array  # 1: it is half of what servo and load differ by
     asymmetric: Array  # N m, positive: when moving in the positive direction
+    one_sided: Array  # N m s/rad, of damping, the same way
     ripple: Array  # N m
     ripple_phase: Array  # rad
     cycles: Array  # 1/rad
@@ -158,6 +160,13 @@ def dry_friction(p: Drive, speed: Array, heading: Array, carried: Array) -> Arra
     level = p.friction + p.stiction * fade + p.loaded * jnp.abs(carried)
     side = jnp.where(heading > 0.0, p.asymmetric, -p.asymmetric)
     return level + jnp.maximum(side, 0.0)
+
+
+def damped(p: Drive, speed: Array) -> Drive:
+    """Numbers with the damping that a joint has in the direction of its speed."""
+    return p._replace(
+        damping=p.damping + jnp.maximum(jnp.sign(speed) * p.one_sided, 0.0)
+    )
 
 
 def rubbing(p: Drive, share: Array) -> Drive:

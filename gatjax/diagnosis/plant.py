@@ -113,6 +113,7 @@ def driven(
 
 def rigid_step(p: Drive, g: Grid, u: Array, aim: Array, s: Rigid, h: float) -> Rigid:
     """One step of a joint with a rigid gear: told u, drawn to the angle `aim`."""
+    p = laws.damped(p, s.v)
     memory, push = laws.servo(p, g, u, s.servo, s.q + p.zero_in, s.v, h)
     inertia, torque = laws.link(p, g, s.q, s.v)
     aside = h * (torque + laws.ripple(p, s.q))
@@ -120,6 +121,7 @@ def rigid_step(p: Drive, g: Grid, u: Array, aim: Array, s: Rigid, h: float) -> R
     v, bristle, done = driven(p, push, old, inertia + p.armature, 0.0, aside, h)
     through = inertia * (v - s.v) / h - torque
     carried = through + p.by_servo * (done - through)
+    carried += p.by_both * (0.5 * (done - torque) - through)
     off = aim - s.q
     q = s.q + h * (v + p.pull * off)
     v = v + h * p.steer * off
@@ -128,6 +130,7 @@ def rigid_step(p: Drive, g: Grid, u: Array, aim: Array, s: Rigid, h: float) -> R
 
 def geared_step(p: Drive, g: Grid, u: Array, aim: Array, s: Geared, h: float) -> Geared:
     """One step of motor, gap with spring, and link; teeth push, they never pull."""
+    p = laws.damped(p, s.turning)
     near, far = laws.rubbing(p, 1.0 - p.link_share), laws.rubbing(p, p.link_share)
     seen = s.seen(p) + p.zero_in
     memory, push = laws.servo(p, g, u, s.servo, seen, s.turning, h)
@@ -152,6 +155,7 @@ def geared_step(p: Drive, g: Grid, u: Array, aim: Array, s: Geared, h: float) ->
     v, link_bristle = rubbed(far, free, low, (s.v, s.carried, s.link_bristle), h)
     through = (spring + tie * (turning - v)) / h
     carried = through + p.by_servo * (done - through)
+    carried += p.by_both * (0.5 * (done - torque) - through)
     memory = laws.warmed(p, g, memory, done, h)
     off = aim - s.seen(p)
     turned = s.turned + h * (turning + p.pull * off)

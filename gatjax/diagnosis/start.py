@@ -71,7 +71,9 @@ def numbers(cause: str, values: Numbers, limit: float) -> Numbers:
         case "speed_limit":
             return {"speed" if values["on_motor"] else "rate": values["limit"]}
         case "asymmetric_friction":
-            return {"bias": -0.5 * values["torque"]}
+            there = values["torque"] != 0.0
+            return {"bias": -0.5 * values["torque"],
+                    "one_sided": values["viscous"] if there else 0.0}  # fmt: skip
         case "encoder_offset":
             return {"zero_in" if values["in_loop"] else "zero_out": values["offset"]}
         case "torque_saturation":

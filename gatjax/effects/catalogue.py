@@ -131,10 +131,12 @@ CATALOGUE = {
         "torque = amplitude sin(cycles angle + phase)", "cogging: 1 to 10 % of stall",
     ),
     "asymmetric_friction": Cause(
-        (P("torque", "N*m", -MOST, MOST),), 0.0,
-        (Part("joint", _plain(joint.bias), ("torque",)),
+        (P("torque", "N*m", -MOST, MOST),
+         P("viscous", "N*m*s/rad", -MOST, MOST, 0.0)), 0.0,
+        (Part("joint", _plain(joint.one_way), ("torque", "viscous")),
          Part("body", body.asymmetric_friction, ("torque",))),
-        "dry friction grows by |torque| in the direction of torque only",
+        "dry friction grows by |torque| in the direction of torque only, viscous by "
+        "|viscous| in that of viscous",
         "cables and directional gear efficiency: 0.02 to 0.3 N m",
     ),
     "encoder_offset": Cause(

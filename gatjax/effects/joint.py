@@ -87,14 +87,20 @@ def load_friction() -> Effect:
     return memoryless(change)
 
 
-def bias() -> Effect:
-    """Constant torque on the joint; params: minus twice that torque in N m.
+def one_way() -> Effect:
+    """Friction in one direction; params: torque N m and viscous N m s/rad.
 
-    With |params| / 2 of friction in both directions this is friction in one direction.
+    The sign of each is the direction in which its size acts; 0 is neutral. Of the dry
+    part, |torque| / 2 is friction of the model in both directions, and this a constant
+    torque besides. Where torque is 0, viscous counts for nothing.
     """
 
-    def change(torque: Array, drive: Drive) -> Drive:
-        return drive._replace(load=drive.load - 0.5 * torque)
+    def change(params: dict[str, Array], drive: Drive) -> Drive:
+        torque, speed = params["torque"], drive.velocity
+        xp = namespace_of(speed, torque)
+        damping = xp.where(torque == 0.0, 0.0, params["viscous"])
+        slowed = xp.abs(damping) * speed + damping * xp.abs(speed)
+        return drive._replace(load=drive.load - 0.5 * (torque + slowed))
 
     return memoryless(change)
 
