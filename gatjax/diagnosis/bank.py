@@ -259,6 +259,12 @@ SERVOED = frozenset({"dead_band", "command_quantization", "speed_limit (target)"
                      "encoder_offset (in loop)", "integral action"})  # fmt: skip
 """Names of what only a position servo can have."""
 
+SURE = {  # tolerances, and what cannot be where one is 0
+    "kp": ("gain_error",), "kv": ("damping_error",), "damping": ("viscous_friction",),
+    "armature": ("armature",), "friction": ("coulomb_friction",),
+    "limit": ("torque_limit", "torque_saturation"),
+}  # fmt: skip
+
 OTHERS: tuple[Hypothesis, ...] = (
     signed("", "quadratic drag", "drag", "coefficient", 0.1, 5.0, limit_of),
     _spring(),
@@ -274,6 +280,8 @@ def of_drive(joint: Joint, bank: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ..
     Stiction has to fade within its motion: else it is dry friction by another name.
     """
     barred = joint.assumed.barred | (frozenset() if joint.servoed else SERVOED)
+    barred |= {c for name, some in SURE.items() for c in some
+               if getattr(joint.allowed, name) == 0.0}  # fmt: skip
     return tuple(
         _fading(each, joint) if each.cause == "stiction" else each
         for each in bank
