@@ -64,3 +64,10 @@ def test_stiction_fades_within_the_motion_of_its_joint():
         assert np.exp(stiction.high[1]) == pytest.approx(most, rel=0.01)
         fastest = max(speed for _, speed in stiction.starts)
         assert fastest <= stiction.high[1] and len(stiction.starts) >= 4
+
+
+def test_what_is_sure_is_no_cause():
+    elbow = joint(wave)
+    sure = elbow._replace(allowed=elbow.allowed._replace(kp=0.0, limit=0.0))
+    usual, left = ({h.cause for h in of_drive(one, CAUSES)} for one in (elbow, sure))
+    assert usual - left == {"gain_error", "torque_limit", "torque_saturation"}

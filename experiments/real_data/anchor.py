@@ -32,6 +32,11 @@ def fitted(source: Path, runs: list[JointRun], out: Path) -> Path:
     """
     if out.is_file():
         return out
+    if not hasattr(sysid, "optimize"):
+        raise SystemExit(
+            "mujoco.sysid lacks its own requirements; install them with "
+            "pip install -c constraints.txt 'mujoco[sysid]'"
+        )
     spec = mujoco.MjSpec.from_file(str(source))
     spec.option.timestep = STEP
     names = robot_model.joint_names(spec.compile())

@@ -2,7 +2,7 @@
 
 What a round has named is part of the model in the next one, as if it had always been.
 A real joint may be wrong in so many ways that no cause explains enough to be named:
-then the best one is taken for a guess if it is worth fifty nats, and said so.
+then the best one is taken for a guess if it is worth a hundred nats, and said so.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from gatjax.effects.catalogue import CATALOGUE
 from gatjax.runs import read_json, write_json
 
 MOST = 5  # rounds
-WORTH = 50.0  # nats of a guess
+WORTH = 100.0  # nats of a guess
 
 
 def repeated(start: list[str], given: list[str], out: Path) -> list[Path]:

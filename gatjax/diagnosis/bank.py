@@ -217,7 +217,6 @@ CAUSES: tuple[Hypothesis, ...] = (
     _stiction(),
     variant_of(_LOAD, "of the link's torque", {"by_servo": 0.0}),
     variant_of(_LOAD, "of the servo's torque", {"by_servo": 1.0}),
-    variant_of(_LOAD, "of both torques", {"by_both": 1.0}),
     geared(_WIDTH, "link"),
     geared(_WIDTH, "motor"),
     positive("dead_band", "half_width", "dead", 0.002, 0.2, _BANDS),

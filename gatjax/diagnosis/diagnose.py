@@ -241,7 +241,7 @@ def _told(
     lacks, learned = bool(verdict.unexplained) and not data.floating, None
     angles = robot_model.servoed(data.model)
     if lacks and angles and not any(run.stiffness is not None for run in data.logs):
-        learned = fallback.offer(out, made["extended"], data.whole, data.unseen, seed)
+        learned = fallback.offer(out, made["extended"], data.logs, data.unseen, seed)
     tell("measure", 0.9)
     fit, unfit = ([log.name for log in logs] for logs in data.files[:2])
     name = data.model.names.split(b"\0")[0].decode()

@@ -33,7 +33,6 @@ class Drive(NamedTuple):
     give: Array  # rad, that dry friction yields before it slips
     loaded: Array  # friction per transmitted torque
     by_servo: Array  # 1: that is the servo's torque, 0: what reaches the link
-    by_both: Array  # 1: it is half of what servo and load differ by
     asymmetric: Array  # N m, positive: when moving in the positive direction
     one_sided: Array  # N m s/rad, of damping, the same way
     ripple: Array  # N m

@@ -121,7 +121,6 @@ def rigid_step(p: Drive, g: Grid, u: Array, aim: Array, s: Rigid, h: float) -> R
     v, bristle, done = driven(p, push, old, inertia + p.armature, 0.0, aside, h)
     through = inertia * (v - s.v) / h - torque
     carried = through + p.by_servo * (done - through)
-    carried += p.by_both * (0.5 * (done - torque) - through)
     off = aim - s.q
     q = s.q + h * (v + p.pull * off)
     v = v + h * p.steer * off
@@ -155,7 +154,6 @@ def geared_step(p: Drive, g: Grid, u: Array, aim: Array, s: Geared, h: float) ->
     v, link_bristle = rubbed(far, free, low, (s.v, s.carried, s.link_bristle), h)
     through = (spring + tie * (turning - v)) / h
     carried = through + p.by_servo * (done - through)
-    carried += p.by_both * (0.5 * (done - torque) - through)
     memory = laws.warmed(p, g, memory, done, h)
     off = aim - s.seen(p)
     turned = s.turned + h * (turning + p.pull * off)

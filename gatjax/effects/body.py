@@ -69,7 +69,7 @@ def coulomb_friction(model: Any, fields: Fields, torque: Array) -> Fields:
 
 
 def asymmetric_friction(model: Any, fields: Fields, torque: Array) -> Fields:
-    """Add the symmetric part, |torque| / 2 [J] N m; `joint.bias` adds the other."""
+    """Add the symmetric part, |torque| / 2 [J] N m; `joint.one_way` adds the rest."""
     return coulomb_friction(model, fields, 0.5 * np.abs(torque))
 
 
