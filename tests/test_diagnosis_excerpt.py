@@ -3,8 +3,18 @@
 import numpy as np
 import pytest
 
+import gatjax.surrogate.hidden
 from gatjax.data.recording import Recording
+from gatjax.data.trajectories import JointRun
+from gatjax.diagnosis import loads, motion
 from gatjax.diagnosis.excerpt import PIECE, excerpt, shortened
+from gatjax.diagnosis.joint import STEP, build
+from gatjax.diagnosis.measure import whole_log
+from gatjax.diagnosis.start import Start
+from gatjax.diagnosis.tolerances import USUAL
+from gatjax.robot.model import joint_names
+from gatjax.sim.world import add_cause, nominal
+from gatjax.task import Task
 
 
 def log(*seconds, rate=50.0):
@@ -46,3 +56,42 @@ def test_runs_that_are_shorter_than_a_piece_stay_whole():
 def test_the_user_is_told():
     told = shortened([log(400.0)], 8)
     assert "400 s" in told and "60 s of them" in told and "\n" not in told
+
+
+@pytest.fixture(scope="module")
+def piece():
+    """A run whose command stands at 0.5 rad, cut out where the joint sags to 0.2."""
+    time = 0.01 * np.arange(300)
+    command, angle = np.full((300, 1), 0.5), np.full((300, 1), 0.2)
+    return JointRun(0, time, command, angle, within=True)
+
+
+def test_a_piece_starts_as_it_was_measured(piece):
+    folder = gatjax.surrogate.hidden.__path__[0]
+    world = nominal(Task(control_period=0.01), f"{folder}/arm_servo.xml", 0.0005)
+    world = add_cause(world, "coulomb_friction", ["all"], 50.0)  # it stays
+    runs = [piece, piece._replace(within=False)]
+    first = [angle[0, 0] for angle in whole_log(world, runs)]
+    assert first == pytest.approx([0.2, 0.5], abs=1e-3)
+
+
+def test_the_first_second_of_a_piece_does_not_count(piece):
+    folder = gatjax.surrogate.hidden.__path__[0]
+    start = Start(f"{folder}/arm_servo.xml")
+    model = start.model()
+    for run, counted in ((piece, 199), (piece._replace(within=False), 300)):
+        (joint,) = prepared(model, [run])
+        assert joint.valid.sum() == counted
+        assert float(joint.grid.target[0, 0]) == pytest.approx(run.angle[0, 0]
+            if run.within else run.command[0, 0], abs=1e-6)  # fmt: skip
+
+
+def prepared(model, runs):
+    """Joints of runs, ready to be fitted."""
+    tree = loads.Tree(model, model.actuator_trnid[:, 0])
+    fine = motion.grid_time(runs, STEP)[:: motion.FINE]
+    moved = [motion.smoothed(run, run.angle, fine) for run in runs]
+    others = [loads.perturbed(model, USUAL, np.random.default_rng(0))
+              for _ in range(loads.TERMS)]  # fmt: skip
+    weighed = [loads.weigh(tree, each, others) for each in moved]
+    return build(model, tree, joint_names(model), runs, moved, weighed)

@@ -25,6 +25,7 @@ class JointRun(NamedTuple):
     command: np.ndarray  # [T, J] rad
     angle: np.ndarray  # [T, J] rad
     stiffness: np.ndarray | None = None  # [T, J] share of the nominal gain, 0: off
+    within: bool = False  # a piece of a longer run: it starts as it was measured
 
     @property
     def stiff(self) -> np.ndarray:

@@ -107,6 +107,8 @@ def given(start: Start, files: Logs, seed: int) -> Given:
         [_limited(model, run) for run in cut(some, joints)]
         for some in (files.fit, files.held, whole)
     )
+    pieces = files.fit[0] is not whole[0]
+    logs = [run._replace(within=pieces) for run in logs]
     period = control_period(logs)
     return Given(start, model, joints, files, logs, taught, unseen, period, seed)
 

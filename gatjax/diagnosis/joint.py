@@ -262,7 +262,7 @@ def build(
         valid = np.zeros(seen.shape, bool)
         for row, run, speed in zip(valid, runs, moving, strict=True):
             row[: len(run.time)] = _free(model, run, index)
-            if not drive["hold"] or speed[index]:
+            if not drive["hold"] or run.within or speed[index]:
                 row[: len(run.time)] &= ~starts.early(run)
         body = tree.body[index]
         mass, centre = float(model.body_mass[body]), model.body_ipos[body].copy()
@@ -290,7 +290,10 @@ def _grids(
         pairs = zip(runs, values, strict=True)
         return [motions.cells(run.time - run.time[0], v, time) for run, v in pairs]
 
-    targets = held([run.command for run in runs])
+    targets = [
+        np.concatenate([run.angle[:1], told[1:]]) if run.within else told
+        for run, told in zip(runs, held([run.command for run in runs]), strict=True)
+    ]
     shares = held([run.stiff for run in runs])
     added = weights.shapes(loads)
 

@@ -89,10 +89,10 @@ def replayed(
 ) -> list[Replayed]:
     """Open-loop predictions of runs.
 
-    They start at rest, at the first command; without servos, from the measured angle
-    and speed. Where commands may get lost, they are means over draws. Each run has
-    values of its own, the world's if none are given. A robot that stood predicts
-    nothing (NaN) from its fall on.
+    They start at rest, at the first command, or pieces of longer runs at the measured
+    angle; without servos, from the measured angle and speed. Where commands may get
+    lost, they are means over draws. Each run has values of its own, the world's if none
+    are given. A robot that stood predicts nothing (NaN) from its fall on.
     """
     period, follows = world.task.control_period, servoed(world.model)
     lead = round(SETTLE / period) if follows else 0
@@ -103,7 +103,11 @@ def replayed(
         world, own = stiffened(world), [stiffened(each) for each in own]
         stiff = stretched([run.stiff for run in played], lead)
     every = stacked([each.values for each in own])
-    qpos = np.stack([put_down(world.model, command[0]) for command in commands])
+    first = [
+        run.angle[0] if run.within else command[0]
+        for run, command in zip(runs, commands, strict=True)
+    ]
+    qpos = np.stack([put_down(world.model, each) for each in first])
     qvel = np.zeros((len(runs), world.model.nv))
     if not follows:
         angles = np.stack([run.angle[0] for run in runs])
@@ -304,7 +308,7 @@ def log_errors(
     }
     kept = ~np.any([np.isnan(each).any(1) for each in squared.values()], axis=0)
     kept &= ~np.concatenate(
-        [starts.early(run) & starts.underway(run).any() for run in runs]
+        [starts.early(run) & (run.within or starts.underway(run).any()) for run in runs]
     )
     return {name: Errors(each[kept], blocks[kept]) for name, each in squared.items()}
 
