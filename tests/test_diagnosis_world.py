@@ -166,7 +166,8 @@ def test_every_cause_of_the_bank_is_in_the_catalogue():
 ])  # fmt: skip
 def test_a_cause_moves_the_joint_the_same(name, world, plain):
     hypothesis, (angle, judge, ours) = NAMES[name], plain
-    own = OWN.get(hypothesis.cause, hypothesis.starts[len(hypothesis.starts) // 2])
+    middle = hypothesis.starts[len(hypothesis.starts) // 2]
+    own = OWN.get(name, OWN.get(hypothesis.cause, middle))
     where = ["all"] if CATALOGUE[hypothesis.cause].place == "all" else ["servo"]
     with jax.numpy_rank_promotion("allow"):
         values = translated(judge, hypothesis, own)

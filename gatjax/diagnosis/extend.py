@@ -122,6 +122,8 @@ def calibration(verdict: Verdict) -> list[Row]:
     rows: list[Row] = []
     model = verdict.judge.case.model
     for joint, fit in zip(verdict.judge.joints, verdict.judge.known, strict=True):
+        if joint.index in verdict.unexplained:
+            continue  # its tolerances imitate what is not known
         x = dict(zip(TOLERANCES, fit.x[:COUNT], strict=True))
         for name, (cause, value, more) in _corrections(joint, fit, model).items():
             size = getattr(joint.allowed, OF.get(name, name)) * abs(x[name])
