@@ -33,8 +33,8 @@ HELD_OUT: dict[str, Callable[[str], bool]] = {
     "drop": lambda name: "lift_and_drop" in name,
 }
 TOLERANCES = {  # a motor known by its datasheet, a load that was weighed
-    "schema": "gatjax.tolerances/1", "kp": 0.3, "kv": 0.4, "limit": 0.3,
-    "friction": 1.0, "armature": 0.7, "zero": float(np.deg2rad(1.5)), "late": 0.003,
+    "schema": "gatjax.tolerances/1", "kp": 0.1, "kv": 0.15, "limit": 0.1,
+    "friction": 1.0, "armature": 0.7, "zero": float(np.deg2rad(0.5)), "late": 0.003,
     "mass": 0.003, "com": 0.0003, "inertia": 0.01, "tilt": 1e-4,
     "angle": float(np.deg2rad(1.0)),
 }  # fmt: skip

@@ -18,7 +18,7 @@ from gatjax.diagnosis import measure
 from gatjax.diagnosis.diagnose import control_period, cut
 from gatjax.diagnosis.start import Start, read_start
 from gatjax.robot import model as robot_model
-from gatjax.runs import read_json
+from gatjax.runs import read_json, write_json
 from gatjax.sim.world import World
 
 HERE = Path(__file__).parent
@@ -29,6 +29,11 @@ HALVES = (
 )
 HELD_OUT = ("pick_place", "figure_eight", "prbs_excitation", "backlash_detection")
 STEP = 5e-4  # s, of the physics
+TOLERANCES = {  # servos of which others measured one, a zero that hands calibrated
+    "schema": "gatjax.tolerances/1", "kp": 0.2, "kv": 0.3, "damping": 0.5,
+    "friction": 1.0, "armature": 0.3, "zero": float(np.deg2rad(0.5)), "late": 0.003,
+    "angle": float(np.deg2rad(0.5)),
+}  # fmt: skip
 
 
 def logs(names: tuple[str, ...]) -> list[Recording]:
@@ -40,7 +45,10 @@ def diagnosed(names: tuple[str, ...], out: Path) -> Path:
     """Diagnose motions; the folder."""
     if not (out / "diagnosis.json").is_file():
         files = [str(HERE / f"data/so101/{name}.parquet") for name in names]
+        out.mkdir(parents=True, exist_ok=True)
+        write_json(out / "tolerances.json", TOLERANCES)
         given = ["--model", str(MODEL), "--data", *files, "--out", str(out)]
+        given += ["--tolerances", f"{out}/tolerances.json"]
         if code := gatjax(["diagnose", *given]):
             raise SystemExit(code)
     return out
