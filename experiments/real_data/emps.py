@@ -1,14 +1,14 @@
 """EMPS: a ball screw axis that is told a voltage (nonlinearbenchmark.org).
 
 The diagnosis sees the estimation record alone and names what the published model lacks.
-Its numbers are then fitted to that record in open loop, beside a force that fades: what
+That law is then fitted to the record in open loop, beside a force that fades: what
 the named cause leaves differs from one of the record's four equal rounds to the next.
 The test record is read once, after all this, and its result kept: run.py shows it again
 and never computes it anew. Radians and N m of the model are metres and newtons.
 
 Data and parameters: Janot, Gautier, Brunot, 2019 Workshop on Nonlinear System
 Identification Benchmarks. They come without a licence, so the project does not carry
-them: --emps names their folder.
+them: run.py says where it looks for them.
 """
 
 from __future__ import annotations
@@ -69,10 +69,7 @@ def played(x: np.ndarray, volts: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 def error(x: np.ndarray, volts: np.ndarray, seen: np.ndarray, first: int = 0) -> float:
     """RMSE in mm of the samples from `first` on, but for those that are free."""
-    off = (
-        played(x[:, None], volts, seen)[max(first, FREE) :, 0]
-        - seen[max(first, FREE) :]
-    )
+    off = (played(x[:, None], volts, seen)[:, 0] - seen)[max(first, FREE) :]
     return 1e3 * float(np.sqrt(np.mean(np.square(off))))
 
 
@@ -80,10 +77,11 @@ def fitted(
     volts: np.ndarray, seen: np.ndarray, free: slice = slice(None)
 ) -> np.ndarray:
     """Numbers [7] that play a record best in open loop; `free` ones are fitted."""
-    moves = np.eye(len(NAMES))[free] * SCALE * 1e-3
+    units = np.eye(len(NAMES))[free] * SCALE
+    moves = 1e-3 * units
 
     def full(z: np.ndarray) -> np.ndarray:
-        return START + z @ np.eye(len(NAMES))[free] * SCALE
+        return START + z @ units
 
     def residual(z: np.ndarray) -> np.ndarray:
         return 1e3 * (played(full(z)[:, None], volts, seen)[:, 0] - seen)
