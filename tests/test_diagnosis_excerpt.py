@@ -7,6 +7,7 @@ import gatjax.surrogate.hidden
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import loads, motion
+from gatjax.diagnosis.bank import CAUSES, of_drive
 from gatjax.diagnosis.excerpt import PIECE, excerpt, shortened
 from gatjax.diagnosis.joint import STEP, build
 from gatjax.diagnosis.measure import whole_log
@@ -84,6 +85,17 @@ def test_the_first_second_of_a_piece_does_not_count(piece):
         assert joint.valid.sum() == counted
         assert float(joint.grid.target[0, 0]) == pytest.approx(run.angle[0, 0]
             if run.within else run.command[0, 0], abs=1e-6)  # fmt: skip
+
+
+def test_what_builds_up_over_minutes_is_not_looked_for_in_pieces(piece):
+    folder = gatjax.surrogate.hidden.__path__[0]
+    model = Start(f"{folder}/arm_servo.xml").model()
+    for run, there in ((piece, False), (piece._replace(within=False), True)):
+        (joint,) = prepared(model, [run])
+        causes = {each.cause for each in of_drive(joint, CAUSES)}
+        assert ("clock_drift" in causes) is there
+        assert ("thermal_derating" in causes) is there
+        assert "load_friction" in causes
 
 
 def prepared(model, runs):

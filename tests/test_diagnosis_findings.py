@@ -36,3 +36,23 @@ def test_a_further_cause_needs_more_beside_one_that_was_known_before(monkeypatch
     worn = NOTHING._replace(named=frozenset({"backlash"}))
     judge.accepted, judge.joints = [], [SimpleNamespace(assumed=worn)]
     assert findings.needed(judge, (0,))[0] == LATER
+
+
+@pytest.mark.parametrize(
+    ("gain", "calm", "share", "named"),
+    [
+        (50.0, False, 0.9, False),  # smaller than what tolerances do
+        (150.0, False, 0.9, True),  # decisive
+        (150.0, True, 0.9, False),  # nothing there needs an explanation
+        (150.0, False, 0.3, False),  # it does not explain much
+    ],
+)
+def test_decisive_evidence_needs_no_visibility(monkeypatch, gain, calm, share, named):
+    monkeypatch.setattr(findings, "adequate", lambda judge, index: calm)
+    monkeypatch.setattr(findings, "explained", lambda judge, claim: share)
+    judge = SimpleNamespace(
+        accepted=[], joints=[SimpleNamespace(assumed=NOTHING)], worth=WORTH,
+        case=SimpleNamespace(pulled={}), visibility=lambda claim: 0.1,
+    )  # fmt: skip
+    claim = SimpleNamespace(gain=gain, fits={0: None}, stance=None)
+    assert findings.worth_naming(judge, claim) is named

@@ -84,9 +84,12 @@ def _numbers(spec: Any, names: tuple[str, ...]) -> Any:
             def put(
                 changed: Any, parameter: Any, name: str = name, field: str = field
             ) -> None:
-                setattr(changed.joint(name), field, float(parameter.value[0]))
+                joint = changed.joint(name)
+                linear = np.array(getattr(joint, field), float)  # first of a polynomial
+                linear[(0,) * linear.ndim] = parameter.value[0]
+                setattr(joint, field, linear if linear.ndim else float(linear))
 
-            inside = 1e-3 * (high - low)  # a start on a bound would stay there
+            inside = 0.01 * (high - low)  # a start on a bound would stay there
             now = float(np.ravel(getattr(spec.joint(name), field))[0])
             start = float(np.clip(now, low + inside, high - inside))
             numbers.add(sysid.Parameter(f"{name} {field}", start, low, high,

@@ -30,9 +30,9 @@ HALVES = (
 HELD_OUT = ("pick_place", "figure_eight", "prbs_excitation", "backlash_detection")
 STEP = 5e-4  # s, of the physics
 TOLERANCES = {  # servos of which others measured one, a zero that hands calibrated
-    "schema": "gatjax.tolerances/1", "kp": 0.2, "kv": 0.3, "damping": 0.5,
-    "friction": 1.0, "armature": 0.3, "zero": float(np.deg2rad(0.5)), "late": 0.003,
-    "angle": float(np.deg2rad(0.5)),
+    "schema": "gatjax.tolerances/1", "kp": 0.2, "kv": 0.3, "damping": 0.3,
+    "friction": 0.4, "armature": 0.3, "zero": float(np.deg2rad(0.5)), "late": 0.003,
+    "angle": float(np.deg2rad(0.25)),
 }  # fmt: skip
 
 

@@ -25,6 +25,7 @@ GRAVITY = ("gravity_x", "gravity_y", "gravity_z")  # in `nominal`, m/s^2
 UNLIMITED = 1e5  # N m: a limit of that size is none
 GIVE = 3e-4  # rad, that dry friction yields before it slips
 GEARS = frozenset({"backlash", "joint_elasticity"})
+SLOW = frozenset({"clock_drift", "thermal_derating"})  # not to be seen in pieces
 OBSERVED = 10.0  # 1/s, how fast a joint without a servo is drawn to its measured motion
 
 
@@ -256,6 +257,8 @@ def build(
         if not limited:
             drive["limit"] = _asked(runs, moved, index, drive)
         more = assumed[index] if assumed else NOTHING
+        if any(run.within for run in runs):
+            more = more._replace(barred=more.barred | SLOW)
         drive |= more.law(drive["limit"])
         grid = grids(index, drive["armature"])
         seen = np.stack([_padded(run.angle[:, index], rows) for run in runs])
