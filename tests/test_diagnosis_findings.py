@@ -2,10 +2,13 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from gatjax.diagnosis import findings
-from gatjax.diagnosis.claims import LATER, WORTH
+from gatjax.diagnosis.bank import CAUSES
+from gatjax.diagnosis.claims import LATER, WORTH, Claim
+from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.joint import NOTHING
 from gatjax.diagnosis.judge import Judge
 
@@ -50,9 +53,12 @@ def test_a_further_cause_needs_more_beside_one_that_was_known_before(monkeypatch
 def test_decisive_evidence_needs_no_visibility(monkeypatch, gain, calm, share, named):
     monkeypatch.setattr(findings, "adequate", lambda judge, index: calm)
     monkeypatch.setattr(findings, "explained", lambda judge, claim: share)
-    judge = SimpleNamespace(
-        accepted=[], joints=[SimpleNamespace(assumed=NOTHING)], worth=WORTH,
-        case=SimpleNamespace(pulled={}), visibility=lambda claim: 0.1,
-    )  # fmt: skip
-    claim = SimpleNamespace(gain=gain, fits={0: None}, stance=None)
+    monkeypatch.setattr(Judge, "visibility", lambda judge, claim: 0.1)
+    judge = object.__new__(Judge)
+    judge.accepted, judge.joints = [], [SimpleNamespace(assumed=NOTHING)]
+    judge.case = SimpleNamespace(pulled={})
+    hypothesis = next(each for each in CAUSES if each.cause == "load_friction")
+    none = np.zeros(1)
+    fit = Fit(hypothesis, none, 0.0, none, none, none, 1.0, settled=True)
+    claim = Claim(hypothesis, none, (0,), {0: fit}, gain)
     assert findings.worth_naming(judge, claim) is named
