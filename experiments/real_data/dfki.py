@@ -9,14 +9,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from logs import until
+
 from gatjax.cli import main as gatjax
 from gatjax.data.recording import read_recording, write_recording
 from gatjax.runs import read_json, write_json
 
 HERE = Path(__file__).parent
 MODEL = HERE / "models/dfki.xml"
-DRIVE = {  # what the light load has told of it is sure
-    "schema": "gatjax.tolerances/1", "kp": 0.0, "kv": 0.0, "limit": 0.0,
+USUAL = {"schema": "gatjax.tolerances/1"}
+DRIVE = USUAL | {  # what the light load has told of it is sure
+    "kp": 0.0, "kv": 0.0, "limit": 0.0,
     "friction": 0.0, "armature": 0.0,
 }  # fmt: skip
 LIGHT = {"energy_shaping": 4.0, "sac": 3.9}  # s, until it stands
@@ -28,28 +31,22 @@ def swung(ends: dict[str, float], out: Path) -> list[str]:
     files = []
     for name, end in ends.items():
         log = read_recording(HERE / f"data/dfki/{name}.parquet")
-        up = log.time < end
-        columns = {key: values[up] for key, values in log.columns.items()}
         file = out / f"{name}.parquet"
-        cut = log._replace(
-            time=log.time[up], trajectory=log.trajectory[up], columns=columns
-        )
-        write_recording(file, cut)
+        write_recording(file, until(log, end))
         files.append(str(file))
     return files
 
 
 def diagnosed(
-    start: list[str], ends: dict[str, float], out: Path, sure: bool = False
+    start: list[str], ends: dict[str, float], out: Path, allowed: dict[str, Any]
 ) -> dict[str, Any]:
-    """Diagnose swing-ups from a model or a world."""
+    """Diagnose swing-ups from a model or a world, with tolerances that differ."""
     if not (out / "diagnosis.json").is_file():
         logs = out.parent / "logs"
         logs.mkdir(parents=True, exist_ok=True)
         given = ["--data", *swung(ends, logs), "--out", str(out)]
-        if sure:
-            write_json(logs / "drive.json", DRIVE)
-            given += ["--tolerances", f"{logs}/drive.json"]
+        write_json(logs / f"{out.name}.json", allowed)
+        given += ["--tolerances", f"{logs}/{out.name}.json"]
         if code := gatjax(["diagnose", *start, *given]):
             raise SystemExit(code)
     return read_json(out / "diagnosis.json")
@@ -57,9 +54,9 @@ def diagnosed(
 
 def compared(out: Path) -> dict[str, Any]:
     """What is wrong with the drive, and what hangs on it in the third run."""
-    first = diagnosed(["--model", str(MODEL)], LIGHT, out / "light")
+    first = diagnosed(["--model", str(MODEL)], LIGHT, out / "light", USUAL)
     known = ["--world", str(out / "light/world.json")]
-    then = diagnosed(known, HEAVY, out / "heavy", sure=True)
+    then = diagnosed(known, HEAVY, out / "heavy", DRIVE)
     loads = [row["parameters"]["mass"]
              for row in then["causes"] if row["cause"] == "payload"]  # fmt: skip
     return {

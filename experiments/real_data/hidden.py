@@ -236,7 +236,9 @@ def compared(out: Path) -> dict[str, Any]:
             given += ["--tolerances", str(wide)]
         world = repeated(model, given, out / name / "known")[-1]
         period = bam.PERIOD if servo else 0.005
-        robot = Robot(name, world, then, period, limits if servo else None)
+        robot = Robot(
+            name, world, then[:: 2 if servo else 1], period, limits if servo else None
+        )
         lies = of_pendulum("servo" if servo else "motor", 0.03 if servo else 0.15)
         for title, lie in ({"unaltered": None} | lies).items():
             rows.append(tried(title, lie, robot, out / name))

@@ -78,14 +78,19 @@ def positive(
     return plain._replace(imitator=field, taken=taken)
 
 
-def variant_of(base: Hypothesis, variant: str, fixed: Numbers) -> Hypothesis:
-    """The same cause with some numbers fixed."""
+def variant_of(
+    base: Hypothesis, variant: str, fixed: Numbers, told: Numbers
+) -> Hypothesis:
+    """The same cause with some numbers fixed, which `told` says in its parameters."""
+
+    def values(joint: Joint, x: np.ndarray) -> Numbers:
+        return base.values(joint, x) | told
 
     def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
         base.put(drive, joint, x)
         drive.update(fixed)
 
-    return base._replace(variant=variant, put=put)
+    return base._replace(variant=variant, put=put, values=values)
 
 
 def geared(base: Hypothesis, side: str) -> Hypothesis:

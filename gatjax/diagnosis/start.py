@@ -67,7 +67,7 @@ def numbers(cause: str, values: Numbers, limit: float) -> Numbers:
     fixed = {field: values[name] for field, name in NUMBERS.get(cause, {}).items()}
     match cause:
         case "load_friction":
-            return fixed | {"by_servo": 1.0}
+            return fixed | {"by_servo": 1.0 - values["of_link"]}
         case "speed_limit":
             return {"speed" if values["on_motor"] else "rate": values["limit"]}
         case "asymmetric_friction":

@@ -92,10 +92,11 @@ CATALOGUE = {
         "Stribeck; BAM: excess 0.005 to 0.12 N m at 1.5 to 2.9 rad/s",
     ),
     "load_friction": Cause(
-        (P("coefficient", "1", 0.0, 5.0),), 0.0,
-        (Part("joint", _plain(joint.load_friction), ("coefficient",)),
+        (P("coefficient", "1", 0.0, 5.0), P("of_link", "1", 0.0, 1.0, 0.0)), 0.0,
+        (Part("joint", joint.load_friction, ("coefficient", "of_link")),
          Part("body", body.holding, ("coefficient",))),
-        "dry friction grows by coefficient |servo torque|", "BAM: 7 to 31 %",
+        "dry friction grows by coefficient |torque|: of_link 0: of the servo; 1: of "
+        "what reaches the link", "BAM: 7 to 31 %",
     ),
     "backlash": Cause(
         (P("width", "rad", 0.0, 0.25), *_GEAR), 0.0,

@@ -16,6 +16,7 @@ from gatjax.xp import namespace_of
 
 Array = Any
 LEAST = 0.05  # share of gain and limit that a weak motor keeps
+LOCKED = 0.02  # least 1 - coefficient of a gear that can be driven from its link
 WARM = 0.25  # share of the limit a motor bears for ever: Aldebaran's motor pages
 
 
@@ -77,14 +78,44 @@ def stiction() -> Effect:
     return memoryless(change)
 
 
-def load_friction() -> Effect:
-    """Friction per torque of the servo; params: coefficient, 0 is neutral."""
+def load_friction(period: float) -> Effect:
+    """Friction per torque in a gear; params: coefficient (0 is neutral), of_link.
 
-    def change(coefficient: Array, drive: Drive) -> Drive:
+    of_link 0: the torque is the servo's. 1: what it hands on to the link, after
+    friction, damping and what turns the motor (its speed-up in the last `period`, s):
+    harder to drive from the link than from the motor, by (1 + coefficient) /
+    (1 - coefficient), and self-locking from 1 on.
+    """
+
+    def apply(params: dict[str, Array], before: Array, drive: Drive) -> tuple:
+        coefficient, servo = params["coefficient"], drive.servo
         xp = namespace_of(drive.velocity, coefficient)
-        return _rubbed(drive, coefficient * xp.abs(pull(drive)))
+        of_link = (params["of_link"] > 0.5) & (coefficient > 0.0)
+        pulled, speed = pull(drive), drive.velocity
+        turning = servo.rotor * (speed - before) / period
+        given = pulled - servo.viscous * speed - turning
+        ahead, back = (
+            _handed_on(coefficient, servo.friction, side * given)
+            for side in (1.0, -1.0)
+        )
+        plain = servo.friction + coefficient * xp.abs(pulled)
+        friction = xp.where(of_link, 0.5 * (ahead + back), plain)
+        load = drive.load - xp.where(of_link, 0.5 * (ahead - back), 0.0)
+        rubbed = servo._replace(friction=friction)
+        return speed, drive._replace(load=load, servo=rubbed)
 
-    return memoryless(change)
+    return Effect(lambda params, drive: drive.velocity, apply)
+
+
+def _handed_on(coefficient: Array, dry: Array, given: Array) -> Array:
+    """Friction f N m against a motion that torque `given` goes with.
+
+    It solves f = dry + coefficient |given - f|.
+    """
+    xp = namespace_of(given, coefficient)
+    driving = (dry + coefficient * given) / (1.0 + coefficient)
+    driven = (dry - coefficient * given) / xp.maximum(1.0 - coefficient, LOCKED)
+    return xp.where(given >= dry, driving, driven)
 
 
 def one_way() -> Effect:
