@@ -1,0 +1,64 @@
+"""Load friction by what reaches the link, against the equation that defines it."""
+
+import numpy as np
+import pytest
+
+from gatjax.effects.joint import load_friction
+from gatjax.records import Drive, Servo
+
+PERIOD, DRY, VISCOUS, ROTOR = 0.001, 0.2, 0.5, 0.03
+
+
+def driven(pulled, speed=0.0):
+    """A drive whose servo pulls with torques [J] N m."""
+    pulled, one = np.asarray(pulled, float), np.ones(np.shape(pulled))
+    servo = Servo(
+        one, 0.0 * one, 0.0 * one, -9.0 * one, 9.0 * one, DRY * one, VISCOUS * one,
+        ROTOR * one, 0.0 * one,
+    )  # fmt: skip
+    return Drive(
+        pulled, 0.0 * one, speed * one, servo, 0.0 * one, 0.0 * one, one
+    )  # fmt: skip
+
+
+def against(coefficient, drive, before=0.0, of_link=1.0):
+    """Friction N m against motion forwards and backwards, [J] each."""
+    params = {"coefficient": coefficient, "of_link": of_link}
+    start = before + 0.0 * drive.velocity
+    _, out = load_friction(PERIOD).apply(params, start, drive)
+    return out.servo.friction - out.load, out.servo.friction + out.load
+
+
+PULLED = np.linspace(-3.0, 3.0, 25)
+
+
+@pytest.mark.parametrize("coefficient", [0.1, 0.5, 0.9])
+@pytest.mark.parametrize(("speed", "before"), [(0.0, 0.0), (0.8, 0.79), (-0.8, -0.83)])
+def test_friction_goes_with_what_is_left_for_the_link(coefficient, speed, before):
+    sides = against(coefficient, driven(PULLED, speed), before)
+    left = PULLED - VISCOUS * speed - ROTOR * (speed - before) / PERIOD
+    for side, friction in zip((1.0, -1.0), sides, strict=True):
+        link = side * left - friction
+        assert friction == pytest.approx(DRY + coefficient * np.abs(link), abs=1e-12)
+
+
+def test_a_gear_is_harder_to_drive_from_its_link():
+    ahead, back = against(0.5, driven([2.0]))
+    assert ahead == pytest.approx((DRY + 1.0) / 1.5)
+    assert back == pytest.approx((DRY + 1.0) / 0.5)
+
+
+def test_a_gear_with_a_coefficient_of_one_locks_itself():
+    _, back = against(1.0, driven([2.0]))
+    assert back > 50.0
+
+
+def test_of_the_servo_it_is_the_same_both_ways():
+    for friction in against(0.5, driven(PULLED), of_link=0.0):
+        assert friction == pytest.approx(DRY + 0.5 * np.abs(PULLED))
+
+
+def test_without_a_coefficient_there_is_no_load_friction():
+    for of_link in (0.0, 1.0):
+        for friction in against(0.0, driven(PULLED, 0.5), of_link=of_link):
+            assert friction == pytest.approx(DRY)
