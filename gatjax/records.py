@@ -104,6 +104,8 @@ class Drive(NamedTuple):
     load: Array  # [..., J] N m, torque on the joint beside the servo's
     torque: Array  # [..., J] N m, what the servo gave in the last step
     stiffness: Array  # [..., J] share of its gain that a log says it had; 0: no power
+    geared: Array  # [..., J] 1: motor and link are apart, with a gear between
+    handed: Array  # [..., J] N m, torque of that gear in the last step
 
 
 class Sensed(NamedTuple):

@@ -194,6 +194,21 @@ def test_a_weak_motor_that_warms_derates_as_it_was_fitted(world, plain):
     assert rms(told - theirs) < SHARE * effect
 
 
+@pytest.mark.parametrize("side", ["link", "motor"])
+def test_load_friction_behind_a_gap_is_as_it_was_fitted(side, world, plain):
+    gap = NAMES[f"backlash encoder on {side}"]
+    rubs = NAMES["load_friction of the link's torque"]
+    both, alone = combined(gap, rubs), OWN["backlash"]
+    own = (*alone, *OWN["load_friction"])
+    with jax.numpy_rank_promotion("allow"):
+        worn = add_cause(world, "backlash", ["servo"], translated(plain[1], gap, alone))
+        values = {"coefficient": 0.3, "of_link": 1.0}
+        theirs = logged(add_cause(worn, "load_friction", ["servo"], values))
+        told = simulated(judged(world, theirs), both, own)
+    effect = rms(theirs - logged(worn))
+    assert rms(told - theirs) < MORE["stiction"] * effect
+
+
 def test_a_gap_predicts_another_motion_of_a_joint_that_is_drawn_to_it(world, plain):
     gap, own = NAMES["backlash encoder on link"], OWN["backlash"]
     first = plain[1]

@@ -16,9 +16,8 @@ def driven(pulled, speed=0.0):
         one, 0.0 * one, 0.0 * one, -9.0 * one, 9.0 * one, DRY * one, VISCOUS * one,
         ROTOR * one, 0.0 * one,
     )  # fmt: skip
-    return Drive(
-        pulled, 0.0 * one, speed * one, servo, 0.0 * one, 0.0 * one, one
-    )  # fmt: skip
+    none = 0.0 * one
+    return Drive(pulled, none, speed * one, servo, none, none, one, none, none)
 
 
 def against(coefficient, drive, before=0.0, of_link=1.0):
@@ -51,6 +50,13 @@ def test_a_gear_is_harder_to_drive_from_its_link():
 def test_a_gear_with_a_coefficient_of_one_locks_itself():
     _, back = against(1.0, driven([2.0]))
     assert back > 50.0
+
+
+def test_behind_a_gear_with_play_it_goes_with_what_that_hands_on():
+    drive = driven(PULLED, 0.5)
+    drive = drive._replace(geared=1.0 + drive.geared, handed=0.3 * PULLED)
+    for friction in against(0.5, drive):
+        assert friction == pytest.approx(DRY + 0.5 * np.abs(0.3 * PULLED))
 
 
 def test_of_the_servo_it_is_the_same_both_ways():

@@ -42,6 +42,7 @@ class Motion(NamedTuple):
     taken: Array  # share of the link's speed that it has beside that
     period: Array  # s, of the step; 0 at the start
     pull: Array  # N m, torque of the servo
+    handed: Array  # N m, torque on the link
 
 
 class Side(NamedTuple):
@@ -99,7 +100,7 @@ def transmission(period: float) -> Effect:
         none = 0.0 * drive.angle
         return Motion(
             twist=none, angle=drive.angle + none, own=none, taken=none + 1.0,
-            period=none, pull=drive.torque + none,
+            period=none, pull=drive.torque + none, handed=none,
         )  # fmt: skip
 
     def apply(gear: Gear, state: Motion, drive: Drive) -> tuple[Motion, Drive]:
@@ -120,6 +121,7 @@ def transmission(period: float) -> Effect:
             twist=xp.where(on, twist, 0.0), angle=drive.angle,
             own=xp.where(on, own, 0.0), taken=xp.where(on, taken, 1.0),
             period=period + 0.0 * twist, pull=side.pull,
+            handed=xp.where(on, load, 0.0),
         )  # fmt: skip
         friction = xp.where(on, gear.link_share * servo.friction, servo.friction)
         behind = gear.armature_share / (1.0 - gear.armature_share) * servo.rotor

@@ -84,7 +84,8 @@ def load_friction(period: float) -> Effect:
     of_link 0: the torque is the servo's. 1: what it hands on to the link, after
     friction, damping and what turns the motor (its speed-up in the last `period`, s):
     harder to drive from the link than from the motor, by (1 + coefficient) /
-    (1 - coefficient), and self-locking from 1 on.
+    (1 - coefficient), and self-locking from 1 on. Where a gear with play or a spring
+    keeps motor and link apart, it is what that gear has handed on.
     """
 
     def apply(params: dict[str, Array], before: Array, drive: Drive) -> tuple:
@@ -98,9 +99,12 @@ def load_friction(period: float) -> Effect:
             _handed_on(coefficient, servo.friction, side * given)
             for side in (1.0, -1.0)
         )
-        plain = servo.friction + coefficient * xp.abs(pulled)
-        friction = xp.where(of_link, 0.5 * (ahead + back), plain)
-        load = drive.load - xp.where(of_link, 0.5 * (ahead - back), 0.0)
+        foreseen = of_link & (drive.geared < 0.5)
+        known = xp.where(of_link, drive.handed, pulled)
+        friction = xp.where(
+            foreseen, 0.5 * (ahead + back), servo.friction + coefficient * xp.abs(known)
+        )
+        load = drive.load - xp.where(foreseen, 0.5 * (ahead - back), 0.0)
         rubbed = servo._replace(friction=friction)
         return speed, drive._replace(load=load, servo=rubbed)
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gatjax.effects.effect import Effect, chain
-from gatjax.effects.gear import encoder
+from gatjax.effects.gear import encoder, present
 from gatjax.effects.joint import pull
 from gatjax.records import Drive, Signal
 from gatjax.robot.model import command_range
@@ -78,6 +78,11 @@ class Actuation(NamedTuple):
             return state._replace(motor=motor), Push(signal.target, None, None, None)
         signal = signal._replace(angle=true)
         begin = self._drive(values, signal, state.torque, stiffness)
+        if self.geared:
+            begin = begin._replace(
+                geared=present(values.joint[GEAR]) + begin.geared,
+                handed=state.joint[GEAR].handed,
+            )
         joint, drive = self.joint.apply(values.joint, state.joint, begin)
         plain, torque = pull(begin), pull(drive)
         control, servo = _control(begin, plain, torque), drive.servo
@@ -107,6 +112,8 @@ class Actuation(NamedTuple):
             load=0.0 * signal.velocity,
             torque=torque,
             stiffness=stiffness + 0.0 * signal.velocity,
+            geared=0.0 * signal.velocity,
+            handed=0.0 * signal.velocity,
         )
 
 
