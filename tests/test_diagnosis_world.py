@@ -206,7 +206,7 @@ def test_load_friction_behind_a_gap_is_as_it_was_fitted(side, world, plain):
         theirs = logged(add_cause(worn, "load_friction", ["servo"], values))
         told = simulated(judged(world, theirs), both, own)
     effect = rms(theirs - logged(worn))
-    assert rms(told - theirs) < MORE["stiction"] * effect
+    assert rms(told - theirs) < MORE[f"{rubs.cause} {rubs.variant}"] * effect
 
 
 def test_a_gap_predicts_another_motion_of_a_joint_that_is_drawn_to_it(world, plain):

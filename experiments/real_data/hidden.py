@@ -212,7 +212,12 @@ def halves(out: Path) -> Iterator[tuple[str, list[str], list[str], tuple[Path, .
                  for this in (True, False)]  # fmt: skip
         for first, then in (parts, parts[::-1]):
             title = "bam_" + ("other_" if first is parts[1] else "") + words[0]
-            yield title, ["--model", str(bam.MODEL)], [*map(str, first)], tuple(then)
+            yield (
+                title,
+                ["--model", str(bam.MODEL)],
+                [*map(str, first)],
+                tuple(then[::2]),
+            )
     (out / "dfki").mkdir(exist_ok=True)
     swings = dfki.swung(dfki.LIGHT, out / "dfki")
     for first, then in (swings, swings[::-1]):
@@ -236,9 +241,7 @@ def compared(out: Path) -> dict[str, Any]:
             given += ["--tolerances", str(wide)]
         world = repeated(model, given, out / name / "known")[-1]
         period = bam.PERIOD if servo else 0.005
-        robot = Robot(
-            name, world, then[:: 2 if servo else 1], period, limits if servo else None
-        )
+        robot = Robot(name, world, then, period, limits if servo else None)
         lies = of_pendulum("servo" if servo else "motor", 0.03 if servo else 0.15)
         for title, lie in ({"unaltered": None} | lies).items():
             rows.append(tried(title, lie, robot, out / name))

@@ -78,13 +78,11 @@ def positive(
     return plain._replace(imitator=field, taken=taken)
 
 
-def variant_of(
-    base: Hypothesis, variant: str, fixed: Numbers, told: Numbers
-) -> Hypothesis:
-    """The same cause with some numbers fixed, which `told` says in its parameters."""
+def variant_of(base: Hypothesis, variant: str, fixed: Numbers) -> Hypothesis:
+    """The same cause with some numbers fixed, which are parameters of it, too."""
 
     def values(joint: Joint, x: np.ndarray) -> Numbers:
-        return base.values(joint, x) | told
+        return base.values(joint, x) | fixed
 
     def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
         base.put(drive, joint, x)

@@ -32,7 +32,7 @@ class Drive(NamedTuple):
     creep: Array  # rad/s, speed at which stiction has faded
     give: Array  # rad, that dry friction yields before it slips
     loaded: Array  # friction per transmitted torque
-    by_servo: Array  # 1: that is the servo's torque, 0: what reaches the link
+    of_link: Array  # 0: that is the servo's torque, 1: what reaches the link
     asymmetric: Array  # N m, positive: when moving in the positive direction
     one_sided: Array  # N m s/rad, of damping, the same way
     ripple: Array  # N m

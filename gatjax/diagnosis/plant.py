@@ -120,7 +120,7 @@ def rigid_step(p: Drive, g: Grid, u: Array, aim: Array, s: Rigid, h: float) -> R
     old = s.v, s.carried, s.bristle
     v, bristle, done = driven(p, push, old, inertia + p.armature, 0.0, aside, h)
     through = inertia * (v - s.v) / h - torque
-    carried = through + p.by_servo * (done - through)
+    carried = through + (1.0 - p.of_link) * (done - through)
     off = aim - s.q
     q = s.q + h * (v + p.pull * off)
     v = v + h * p.steer * off
@@ -153,7 +153,7 @@ def geared_step(p: Drive, g: Grid, u: Array, aim: Array, s: Geared, h: float) ->
     free = (onto + tie * turning) / low
     v, link_bristle = rubbed(far, free, low, (s.v, s.carried, s.link_bristle), h)
     through = (spring + tie * (turning - v)) / h
-    carried = through + p.by_servo * (done - through)
+    carried = through + (1.0 - p.of_link) * (done - through)
     memory = laws.warmed(p, g, memory, done, h)
     off = aim - s.seen(p)
     turned = s.turned + h * (turning + p.pull * off)

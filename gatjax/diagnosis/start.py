@@ -40,7 +40,7 @@ NUMBERS = {
     "measurement_delay": {"late": "delay"},
     "first_order_lag": {"lag": "time_constant"},
     "stiction": {"stiction": "excess", "creep": "velocity"},
-    "load_friction": {"loaded": "coefficient"},
+    "load_friction": {"loaded": "coefficient", "of_link": "of_link"},
     "backlash": {"width": "width", **_SHARES},
     "joint_elasticity": {"stiffness": "stiffness", **_SHARES},
     "dead_band": {"dead": "half_width"},
@@ -66,8 +66,6 @@ def numbers(cause: str, values: Numbers, limit: float) -> Numbers:
     """
     fixed = {field: values[name] for field, name in NUMBERS.get(cause, {}).items()}
     match cause:
-        case "load_friction":
-            return fixed | {"by_servo": 1.0 - values["of_link"]}
         case "speed_limit":
             return {"speed" if values["on_motor"] else "rate": values["limit"]}
         case "asymmetric_friction":

@@ -91,7 +91,7 @@ def load_friction(period: float) -> Effect:
     def apply(params: dict[str, Array], before: Array, drive: Drive) -> tuple:
         coefficient, servo = params["coefficient"], drive.servo
         xp = namespace_of(drive.velocity, coefficient)
-        of_link = (params["of_link"] > 0.5) & (coefficient > 0.0)
+        of_link = params["of_link"] > 0.5
         pulled, speed = pull(drive), drive.velocity
         turning = servo.rotor * (speed - before) / period
         given = pulled - servo.viscous * speed - turning
