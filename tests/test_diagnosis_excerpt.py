@@ -38,15 +38,29 @@ def test_short_logs_stay_as_they_are():
     assert shortened(logs, 6) is None
 
 
-def test_long_logs_become_evenly_spaced_pieces():
-    logs = [log(120.0), log(240.0)]
+def chirped(seconds, rate=50.0):
+    """A recording that moves faster and faster."""
+    one = log(seconds, rate=rate)
+    angle = np.sin(0.05 * one.time**2)
+    return one._replace(columns={"position.a": angle, "time": one.time.copy()})
+
+
+def test_long_logs_become_pieces_from_the_calmest_to_the_liveliest():
+    logs = [chirped(120.0), chirped(240.0)]
     first, second = excerpt(logs, 20)
     assert len(lasts(first)) == 4 and len(lasts(second)) == 7
     for cut in (first, second):
         assert lasts(cut) == pytest.approx([PIECE] * len(lasts(cut)), abs=0.03)
-        assert cut.time == pytest.approx(cut.columns["position.a"])
+        assert cut.time == pytest.approx(cut.columns["time"])
     middles = [first.time[first.trajectory == k].mean() for k in range(4)]
-    assert middles == pytest.approx([15.0, 45.0, 75.0, 105.0], abs=0.05)
+    assert middles == pytest.approx([3.0, 39.0, 81.0, 117.0], abs=0.05)
+
+
+def test_a_log_that_is_calm_but_for_a_moment_keeps_that_moment():
+    one = log(400.0)
+    angle = np.where((one.time > 250.0) & (one.time < 253.0), np.sin(9.0 * one.time), 0)
+    (cut,) = excerpt([one._replace(columns={"position.a": angle})], 20)
+    assert np.ptp(cut.columns["position.a"]) > 1.5
 
 
 def test_runs_that_are_shorter_than_a_piece_stay_whole():

@@ -139,12 +139,17 @@ def told(lie: Lie | None, robot: Robot, out: Path) -> list[str]:
     return ["--world", str(out / "start.json"), "--data", *files, *limits]
 
 
-def right(lie: Lie | None, said: dict[str, Any], joints: int) -> bool:
-    """Whether a diagnosis names the lie first, or nothing where there is none."""
+def right(lie: Lie | None, said: dict[str, Any], servoed: bool) -> bool:
+    """Whether a diagnosis names the lie first, or nothing where there is none.
+
+    The robots have one joint. An offset of what a servo sees, or of a motor that is
+    told its torque, turns the load like a tilted mounting; one of the log does not.
+    """
     named = said["causes"] if said["verdict"] in ("named", "ambiguous") else []
     if lie is None or not named:
         return lie is None and not named
-    classes = (*ALIASES, ONE_JOINT) if joints == 1 else ALIASES
+    logged = servoed and lie.cause == "encoder_offset"
+    classes = ALIASES if logged else (*ALIASES, ONE_JOINT)
     same = next((each for each in classes if lie.cause in each), {lie.cause})
     first = named[0]
     return first["cause"] in same and first["where"] in ([lie.joint], ["all"])
@@ -161,7 +166,7 @@ def tried(name: str, lie: Lie | None, robot: Robot, out: Path) -> dict[str, Any]
     said = read_json(folder / "said/diagnosis.json")
     return {
         "case": name, "truth": lie and lie.cause, "verdict": said["verdict"],
-        "right": right(lie, said, len(said["joints"])),
+        "right": right(lie, said, said["command_unit"] == "rad"),
         "causes": [(row["cause"], row["where"]) for row in said["causes"]],
     }  # fmt: skip
 

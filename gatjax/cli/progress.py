@@ -19,6 +19,8 @@ from rich.progress import (
 from gatjax.cli.interrupts import check
 from gatjax.runs import Progress as Teller
 
+QUIET = 20.0  # s until a log hears of a stage again that goes on
+
 
 @contextmanager
 def shown(total: float) -> Iterator[Teller]:
@@ -55,10 +57,13 @@ def _heeding(stage: Callable[[str], None], work: Callable[[float], None]) -> Tel
 
 @contextmanager
 def _plain(total: float) -> Iterator[Teller]:
-    begun, done = time.monotonic(), 0.0
+    begun, done, named = time.monotonic(), 0.0, ""
+    said = begun
 
     def stage(text: str) -> None:
-        passed = time.monotonic() - begun
+        nonlocal named, said
+        named, said = text, time.monotonic()
+        passed = said - begun
         left = passed * (total - done) / done if done else float("nan")
         ahead = f", about {left / 60:.1f} min left" if done else ""
         print(f"[{passed:5.0f} s, {done / total:4.0%}{ahead}] {text}", file=sys.stderr)
@@ -66,5 +71,7 @@ def _plain(total: float) -> Iterator[Teller]:
     def work(units: float) -> None:
         nonlocal done
         done = min(total, done + units)
+        if time.monotonic() - said > QUIET:
+            stage(named)
 
     yield _heeding(stage, work)

@@ -12,14 +12,16 @@ ALIASES = (
     frozenset({"damping_error", "viscous_friction"}),
 )
 """Causes that logs of powered joints cannot tell apart (docs/diagnosis.md)."""
-ONE_JOINT = frozenset({"com_shift", "gravity_tilt"})
+ONE_JOINT = frozenset({"com_shift", "gravity_tilt", "encoder_offset"})
+"""All three turn the load of a robot's only joint against what its servo sees."""
+LOGGED = "log only"  # of an encoder offset: the servo does not see it
 COVERED = {"payload": frozenset({"com_shift"})}  # it shifts the centre, too
 
 
 def alias(hypothesis: Hypothesis, joints: int) -> frozenset[str]:
     """The causes that count as one with a hypothesis, itself included."""
-    classes = (*ALIASES, ONE_JOINT) if joints == 1 else ALIASES
-    for group in classes:
+    turns = joints == 1 and hypothesis.variant != LOGGED
+    for group in (*ALIASES, ONE_JOINT) if turns else ALIASES:
         if hypothesis.cause in group:
             return group
     return frozenset({hypothesis.cause})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gatjax.diagnosis import quantum
+from gatjax.diagnosis.aliases import LOGGED
 from gatjax.diagnosis.coordinates import (
     add_terms,
     armature_of,
@@ -236,7 +237,7 @@ CAUSES: tuple[Hypothesis, ...] = (
         values={"in_loop": 1.0},
     ),
     signed(
-        "encoder_offset", "log only", "zero_out", "offset", 0.06, 0.6,
+        "encoder_offset", LOGGED, "zero_out", "offset", 0.06, 0.6,
         values={"in_loop": 0.0},
     ),
     signed("encoder_scale", "", "scale", "scale", 0.08, 0.4, neutral=1.0),
@@ -284,11 +285,17 @@ def of_drive(joint: Joint, bank: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ..
     barred = joint.assumed.barred | (frozenset() if joint.servoed else SERVOED)
     barred |= {c for name, some in SURE.items() for c in some
                if getattr(joint.allowed, name) == 0.0}  # fmt: skip
-    return tuple(
-        _fading(each, joint) if each.cause == "stiction" else each
-        for each in bank
-        if not {each.cause, each.name} & barred
-    )
+    own = (each for each in bank if not {each.cause, each.name} & barred)
+    return tuple(_of_joint(each, joint) for each in own)
+
+
+def _of_joint(each: Hypothesis, joint: Joint) -> Hypothesis:
+    """A hypothesis as one joint can show it."""
+    if each.cause == "stiction":
+        return _fading(each, joint)
+    if each.cause == "encoder_offset" and not joint.servoed:
+        return each._replace(variant="")  # there is no loop that could see it
+    return each
 
 
 def _fading(stiction: Hypothesis, joint: Joint) -> Hypothesis:

@@ -1,8 +1,9 @@
 """Pieces of long logs: causes are looked for in as much as there is time for.
 
 A diagnosis simulates its fit logs tens of thousands of times. Of long ones it takes
-pieces, evenly spaced; what does not show within a piece (a motor that warms up over
-minutes) does not count then. Held-out logs stay whole.
+pieces, from the calmest to the liveliest: some causes show at rest, others at speed
+only. What does not show within a piece (a motor that warms up over minutes) does not
+count then. Held-out logs stay whole.
 """
 
 from __future__ import annotations
@@ -33,8 +34,8 @@ def shortened(logs: Sequence[Recording], joints: int) -> str | None:
         return None
     return (
         f"the logs to be explained last {whole:.0f} s: causes are looked for in "
-        f"{enough:.0f} s of them, pieces of {PIECE:.0f} s evenly spaced; for what "
-        f"builds up over minutes give a shorter log"
+        f"{enough:.0f} s of them, pieces of {PIECE:.0f} s from the calmest to the "
+        f"liveliest; for what builds up over minutes give a shorter log"
     )
 
 
@@ -64,15 +65,41 @@ def _runs(log: Recording) -> list[np.ndarray]:
     return [np.flatnonzero(log.trajectory == run) for run in np.unique(log.trajectory)]
 
 
+def _tiled(time: np.ndarray, rows: np.ndarray) -> list[np.ndarray]:
+    """Rows of a run in pieces that do not overlap; a short one is whole."""
+    tiles = max(int((time[-1] - time[0]) / PIECE + 1e-9), 1)
+    length = min(PIECE, time[-1] - time[0])
+    begins = time[0] + np.linspace(0.0, time[-1] - time[0] - length, tiles)
+    return [
+        rows[(time >= begin - 1e-9) & (time <= begin + length + 1e-9)]
+        for begin in begins
+    ]
+
+
+def _spread(pieces: list[np.ndarray], log: Recording, count: int) -> list[np.ndarray]:
+    """So many pieces of a run, as different in speed as they come, in time's order."""
+    if count >= len(pieces):
+        return pieces
+    ranks = np.argsort([_liveliness(log, rows) for rows in pieces], kind="stable")
+    chosen = np.round(np.linspace(len(pieces) - 1, 0, count)).astype(int)
+    return [pieces[k] for k in sorted(ranks[chosen])]
+
+
+def _liveliness(log: Recording, rows: np.ndarray) -> float:
+    """Mean square of how fast all joints move, each over what it does in its log."""
+    total = 0.0
+    for name, values in log.columns.items():
+        if name.startswith("position."):
+            usual = np.nanmean(np.square(np.diff(values))) + 1e-12
+            total += float(np.nanmean(np.square(np.diff(values[rows]))) / usual)
+    return total
+
+
 def _cut(log: Recording, runs: list[tuple[np.ndarray, int]]) -> Recording:
     """A log of so many pieces of each of its runs; short runs stay whole."""
     kept, number = [], []
     for rows, count in runs:
-        time = log.time[rows] - log.time[rows[0]]
-        span = min(PIECE, time[-1] / count)
-        for k in range(count):
-            begin = (k + 0.5) * time[-1] / count - 0.5 * span
-            some = rows[(time >= begin - 1e-9) & (time <= begin + span + 1e-9)]
+        for some in _spread(_tiled(log.time[rows], rows), log, count):
             kept.append(some)
             number.append(np.full(len(some), len(number)))
     rows = np.concatenate(kept)
