@@ -23,3 +23,15 @@ def claim(cause, where, gain):
 def test_one_value_at_two_joints_beside_a_cause_of_each(gains, expected):
     single = [claim(cause, (joint,), gain) for (cause, joint), gain in gains.items()]
     assert outdone(claim("friction", (0, 1), 77.0), single) == expected
+
+
+@pytest.mark.parametrize(("best", "expected"), [("lag", False), ("tilt", True)])
+def test_a_value_that_most_joints_would_have_as_their_own_is_theirs(best, expected):
+    gains = {
+        ("lag", 0): 30.0,
+        ("lag", 1): 30.0,
+        (best, 2): 30.0,
+        ("friction", 3): 500.0,
+    }
+    single = [claim(cause, (joint,), gain) for (cause, joint), gain in gains.items()]
+    assert outdone(claim("lag", (0, 1, 2, 3), 95.0), single) == expected

@@ -12,6 +12,7 @@ from gatjax.diagnosis.hypotheses import Hypothesis
 PRICE = 2.0  # nats at least for each coordinate of a cause
 PLACE = 1.0  # nats for each joint that is named by itself
 WORTH = 3.5  # nats: a claim below is no finding
+SEVERAL = 3  # joints of a claim, of which one may have a cause of its own besides
 LATER = 10.0  # the same beside a finding, and of a robot on the floor
 SHARED = (
     "command_delay", "measurement_delay", "first_order_lag", "gain_error",
@@ -139,12 +140,18 @@ def shared_value(
 def outdone(shared: Claim, single: list[Claim]) -> bool:
     """Whether causes of each joint's own explain more than one value at several joints.
 
-    Each of them beyond the first has to earn what a further cause needs.
+    Each of them beyond the first has to earn what a further cause needs. Where several
+    joints' own best cause is the one that is shared, it is theirs; what else some of
+    the joints have is found beside it.
     """
-    best: dict[int, float] = {}
-    for claim in single:
+    best: dict[int, Claim] = {}
+    for claim in sorted(single, key=lambda claim: claim.gain):
         (joint, *others) = claim.where
         if claim.hypothesis.cause and not others and joint in shared.fits:
-            best[joint] = max(claim.gain, best.get(joint, 0.0))
-    worth = [gain for gain in best.values() if gain > LATER]
-    return sum(worth) - LATER * (len(worth) - 1) > shared.gain if worth else False
+            best[joint] = claim
+    worth = [claim for claim in best.values() if claim.gain > LATER]
+    votes = sum(claim.hypothesis.law == shared.hypothesis.law for claim in worth)
+    if votes >= SEVERAL or not worth:
+        return False
+    total = sum(claim.gain for claim in worth)
+    return total - LATER * (len(worth) - 1) > shared.gain

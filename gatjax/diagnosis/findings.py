@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from gatjax.diagnosis.claims import LATER, Claim
+from gatjax.diagnosis.claims import LATER, SEVERAL, Claim
 from gatjax.diagnosis.judge import Judge
-from gatjax.diagnosis.known import SEVERAL
 
 TOLERABLE = 2.2  # times the reading noise: an explanation may leave that much
 LEAST_SHARE = 0.4  # of the misfit power at its joints that a cause has to explain

@@ -196,6 +196,7 @@ class Judge(Known):
             return []
         hypotheses = [group[0].hypothesis for group in chosen]
         every = range(len(self.joints))
+        best = {c.where[0]: c for c in sorted(single, key=lambda claim: claim.gain)}
         free = mapped(lambda k: self._free(k, self.joints[k], hypotheses, 6), every)
         values = [
             (h, shared_value([free[c.where[0]][n] for c in group], h))
@@ -205,7 +206,11 @@ class Judge(Known):
         out = []
         for n, (hypothesis, own) in enumerate(values):
             suspects = [claim.where[0] for claim in chosen[n]]
-            for group in self._groups(suspects):
+            law = hypothesis.law
+            voters = tuple(k for k in sorted(best) if best[k].hypothesis.law == law)
+            for group in self._groups(suspects) | (
+                {voters} if len(voters) > 1 else set()
+            ):
                 if any(
                     hypothesis.cause in self.joints[k].assumed.barred for k in group
                 ):

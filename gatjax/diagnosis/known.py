@@ -13,7 +13,7 @@ from gatjax.diagnosis import case as cases
 from gatjax.diagnosis import drops, search
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.case import Case, along, mapped
-from gatjax.diagnosis.claims import BODY, Claim, shared_value, uncertainty
+from gatjax.diagnosis.claims import BODY, SEVERAL, Claim, shared_value, uncertainty
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined, pinned
 from gatjax.diagnosis.joint import Joint
@@ -22,7 +22,6 @@ ASTRAY = 3.5  # times the noise that the best explanation leaves: look again
 PARTED = 1.7  # the same with a gap, which parts any two runs
 GAP = "backlash"
 CHANGED = 3.0  # nats: a joint whose evidence changed less keeps its fits
-SEVERAL = 3  # joints of a claim, of which one may have a cause of its own besides
 ODD = 2.0  # times what the next worst of them leaves, that this one leaves
 SETTLING = 3  # iterations in which joints settle on a value
 REFITTING = 12  # iterations of a claim beside something else
