@@ -82,7 +82,6 @@ def test_half_a_second_ahead_of_a_measured_state(world):
         ("encoder_offset", {"offset": 0.1, "in_loop": 1.0}),
         ("encoder_scale", {"scale": 0.9, "in_loop": 1.0}),
         ("speed_limit", {"limit": 2.0}),
-        ("acceleration_limit", {"limit": 20.0}),
     ],
 )
 def test_what_only_a_servo_has_is_refused(world, cause, values):

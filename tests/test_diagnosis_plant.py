@@ -12,7 +12,7 @@ STEP, LEAD, COUNT = 1e-3, 400, 3000
 NOMINAL = {
     "kp": 20.0, "hold": 1.0, "kv": 0.25, "limit": 5.0, "damping": 0.5, "friction": 0.0,
     "armature": 0.012, "delay": 0.0, "creep": 0.06, "give": 3e-4, "rate": 1e3,
-    "ramp": 1e12, "speed": 1e6, "scale": 1.0, "cooling": 20.0, "stiffness": 1e3,
+    "speed": 1e6, "scale": 1.0, "cooling": 20.0, "stiffness": 1e3,
 }  # fmt: skip
 
 
@@ -165,7 +165,7 @@ def test_the_sine_is_right_where_rates_and_times_take_it():
 @pytest.mark.parametrize(
     "law",
     [
-        {"lag": 0.03}, {"quantum": 0.05}, {"rate": 1.0}, {"ramp": 5.0}, {"speed": 2.0},
+        {"lag": 0.03}, {"quantum": 0.05}, {"rate": 1.0}, {"speed": 2.0},
         {"stiction": 0.5}, {"loaded": 0.5}, {"asymmetric": 0.4}, {"one_sided": 0.4},
         {"ripple": 0.3,
         "cycles": 8.0}, {"zero_in": 0.05}, {"zero_out": 0.05}, {"scale": 1.05},

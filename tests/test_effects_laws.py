@@ -316,21 +316,6 @@ def test_speed_limit_is_reached_and_never_exceeded():
     assert np.abs(out).max() <= 1.0
 
 
-@pytest.mark.parametrize("way", [1.0, 0.013])
-def test_acceleration_limit_takes_the_time_of_a_triangular_profile(way):
-    """From rest to rest: speed up for half of the way, 2 sqrt(way / limit) in all."""
-    limit = 30.0
-    run = targets(np.concatenate([[0.0], np.full(120, way)]))
-    out = play(drive.acceleration_limit(PERIOD), np.array([limit]), run)[:, 0]
-    speed = np.diff(out) / PERIOD
-    change = np.diff(speed) / PERIOD
-    assert np.abs(change).max() <= limit * (1.0 + 1e-9)
-    assert speed.max() == pytest.approx(np.sqrt(way * limit), abs=limit * PERIOD)
-    assert out.max() <= way + 0.2 * limit * PERIOD**2  # it stops where it should
-    there = np.flatnonzero(out > way - 1e-6)[0] * PERIOD
-    assert there == pytest.approx(2.0 * np.sqrt(way / limit), abs=3.0 * PERIOD)
-
-
 def test_quantization_rounds_to_the_nearest_step():
     run = targets([0.0, 0.049, 0.051, -0.049, -0.051, 0.31])
     out = play(drive.quantization(), np.array([0.1]), run)[:, 0]

@@ -118,17 +118,6 @@ def slewed(limit):
     return out
 
 
-def ramped(limit):
-    """Full acceleration one way or the other: the time-optimal switching curve."""
-    out, now, speed = np.empty(len(HELD)), HELD[0], 0.0
-    for step, told in enumerate(HELD):
-        ahead = told - now - speed * abs(speed) / (2.0 * limit)
-        speed += np.sign(ahead) * min(limit * STEP, abs(told - now) / STEP + abs(speed))
-        now += STEP * speed
-        out[step] = now
-    return out
-
-
 def filtered(tau):
     out, now = np.empty(len(HELD)), HELD[0]
     for step, told in enumerate(HELD):
@@ -216,7 +205,6 @@ CASES = {
         lambda: rows(swing(arrives=lambda pull: pull / (1.0 + abs(pull) / 3.0))),
     ),
     "speed_limit": ({"limit": 2.0}, lambda: rows(swing(slewed(2.0)))),
-    "acceleration_limit": ({"limit": 20.0}, lambda: rows(swing(ramped(20.0)))),
     "speed_limit motor": (
         {"limit": 3.0, "on_motor": 1}, lambda: rows(swing(limit=line(3.0))),
     ),

@@ -44,7 +44,7 @@ VALUES = {  # of every cause that acts on an arm without sensors and ground
     "first_order_lag": {"time_constant": 0.02},
     "gain_error": {"scale": 0.7}, "damping_error": {"scale": 2.0},
     "torque_limit": {"limit": 1.2}, "torque_saturation": {"torque": 2.0},
-    "speed_limit": {"limit": 3.0}, "acceleration_limit": {"limit": 20.0},
+    "speed_limit": {"limit": 3.0},
     "viscous_friction": {"coefficient": 0.2}, "coulomb_friction": {"torque": 0.15},
     "stiction": {"excess": 0.5, "velocity": 0.5}, "load_friction": {"coefficient": 0.3},
     "backlash": {"width": 0.05}, "dead_band": {"half_width": 0.02},

@@ -27,7 +27,6 @@ from gatjax.diagnosis.loads import BODY_TERMS, TERMS, tilted
 ARM = 0.08  # m, how far from the centre of mass a payload is expected
 _LATE = (0.006, 0.02, 0.06, 0.15)  # s
 _SPEEDS = (0.5, 0.8, 1.2, 1.8, 2.7, 4.0, 6.0, 9.0)  # rad/s
-_RAMPS = (3.0, 10.0, 30.0, 100.0)  # rad/s^2
 _BANDS = tuple(np.geomspace(0.003, 0.08, 10))  # rad
 _SHARES = tuple(np.geomspace(0.05, 0.85, 16))  # of a limit
 _QUANTA = tuple(np.geomspace(0.004, 0.25, 12))
@@ -208,7 +207,6 @@ CAUSES: tuple[Hypothesis, ...] = (
     positive("speed_limit", "limit", "rate", 0.2, 20.0, _SPEEDS)._replace(
         variant="target"
     ),
-    positive("acceleration_limit", "limit", "ramp", 0.5, 1000.0, _RAMPS),
     positive(
         "viscous_friction", "coefficient", "damping", 0.05, 60.0, (0.3, 1.0, 4.0),
         resistance_of, True,
@@ -258,7 +256,6 @@ CAUSES: tuple[Hypothesis, ...] = (
 """Causes of the catalogue that a single joint can show."""
 
 SERVOED = frozenset({"dead_band", "command_quantization", "speed_limit (target)",
-                     "acceleration_limit",
                      "encoder_offset (in loop)", "integral action"})  # fmt: skip
 """Names of what only a position servo can have."""
 

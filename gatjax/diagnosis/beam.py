@@ -93,7 +93,7 @@ def _searched(p: Drive, g: Grid, e: Events, noise: Array, odd: Array) -> tuple:
     """Parents of the hypotheses at each step [K, W], and their costs at the end [W]."""
     first = jnp.full((1, WIDTH), e.command[0], jnp.float32)
     zero = jnp.zeros_like(first)
-    memory = Servo(first, first, first, zero, zero, zero)
+    memory = Servo(first, first, zero, zero)
     cost = jnp.where(jnp.arange(WIDTH) == 0, 0.0, SURELY)
     start = Beam(plant.Rigid(first, zero, zero, zero, memory), first[0], cost)
 

@@ -18,8 +18,8 @@ SHARED = (
     "command_delay", "measurement_delay", "first_order_lag", "gain_error",
     "damping_error", "clock_drift", "gravity_tilt", "command_quantization",
     "encoder_scale", "viscous_friction", "coulomb_friction", "dead_band", "backlash",
-    "speed_limit", "acceleration_limit", "torque_limit", "torque_saturation",
-    "supply_sag", "armature", "stiction", "load_friction", "joint_elasticity",
+    "speed_limit", "torque_limit", "torque_saturation", "supply_sag", "armature",
+    "stiction", "load_friction", "joint_elasticity",
 )  # fmt: skip
 WHOLE = ("gravity_tilt", "supply_sag", "clock_drift")
 BODY = ("payload", "com_shift")

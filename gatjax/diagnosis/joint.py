@@ -170,7 +170,7 @@ def nominal_drive(model: mujoco.MjModel, tree: weights.Tree, index: int) -> dict
         "friction": float(np.abs(moves) @ model.dof_frictionloss),
         "armature": float(np.square(moves) @ model.dof_armature),
         "delay": TRANSPORT, "creep": CREEP, "give": GIVE,
-        "rate": 1e3 if servoed else 1e9, "ramp": 1e12, "speed": 1e6, "scale": 1.0,
+        "rate": 1e3 if servoed else 1e9, "speed": 1e6, "scale": 1.0,
         "cooling": 20.0, "stiffness": 1e3,
     }  # fmt: skip
 

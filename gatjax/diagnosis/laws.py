@@ -27,7 +27,6 @@ class Drive(NamedTuple):
     quantum: Array  # rad, of the target; 0: none
     dead: Array  # rad, half width
     rate: Array  # rad/s, of the target
-    ramp: Array  # rad/s^2, of the target
     speed: Array  # rad/s, at which the torque-speed line reaches zero
     stiction: Array  # N m
     creep: Array  # rad/s, speed at which stiction has faded
@@ -87,8 +86,6 @@ class Servo(NamedTuple):
 
     lagged: Array
     held: Array
-    paced: Array
-    pace: Array  # rad in the last step
     heat: Array
     integral: Array
 
@@ -132,9 +129,7 @@ def servo(
     share = 1.0 - jnp.exp(-h / jnp.maximum(p.lag, 1e-6))
     lagged = s.lagged + (u - s.lagged) * share
     held = s.held + jnp.clip(lagged - s.held, -p.rate * h, p.rate * h)
-    pace = ramped(held - s.paced, s.pace, p.ramp * h**2)
-    paced = s.paced + pace
-    error = paced - p.hold * seen
+    error = held - p.hold * seen
     error = jnp.sign(error) * jnp.maximum(jnp.abs(error) - p.dead, 0.0)
     integral = s.integral + h * p.integral * error
     left = jnp.clip(1.0 - p.heat * s.heat, 0.05, 1.0)
@@ -146,22 +141,7 @@ def servo(
     high = most * jnp.clip(1.0 - speed / p.speed, 0.0, 1.0)
     got = 1.0 / (1.0 + p.soft * jnp.abs(jnp.clip(gain - p.kv * speed, low, high)))
     push = Push(got * gain, got * p.kv, got * low, got * high)
-    return Servo(lagged, held, paced, pace, s.heat, integral), push
-
-
-def ramped(left: Array, pace: Array, most: Array) -> Array:
-    """The next move towards a target that starts and stops with a limited acceleration.
-
-    As fast as the rest of the way allows it to stop: a trapezoidal motion profile.
-
-    Args:
-        left: way to the target.
-        pace: last move, in the time of one step.
-        most: largest change of a move from one step to the next.
-    """
-    stop = 2.0 * jnp.abs(left) / (0.5 + jnp.sqrt(0.25 + 2.0 * jnp.abs(left) / most))
-    wanted = jnp.sign(left) * jnp.minimum(jnp.abs(left), stop)
-    return pace + jnp.clip(wanted - pace, -most, most)
+    return Servo(lagged, held, s.heat, integral), push
 
 
 def warmed(p: Drive, g: Grid, s: Servo, torque: Array, h: float) -> Servo:

@@ -198,7 +198,7 @@ def _simulate(p: Drive, grid: Grid, h: float, geared: bool, drawn: bool) -> tupl
     """
     at, aim = _delayed(grid.target.T, p.delay, h), _measured(p, grid, h)
     told, zero = at(jnp.zeros((), jnp.int32)), jnp.zeros((), jnp.int32)
-    memory = Servo(told, told, told, *(0.0 * told for _ in range(3)))
+    memory = Servo(told, told, 0.0 * told, 0.0 * told)
     first = jnp.where(p.hold > 0.0, told, aim(zero))
     zero = 0.0 * first
     start: Any = Rigid(first, zero, zero, zero, memory)

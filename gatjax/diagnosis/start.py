@@ -39,7 +39,6 @@ NUMBERS = {
     "command_delay": {"delay": "delay"},
     "measurement_delay": {"late": "delay"},
     "first_order_lag": {"lag": "time_constant"},
-    "acceleration_limit": {"ramp": "limit"},
     "stiction": {"stiction": "excess", "creep": "velocity"},
     "load_friction": {"loaded": "coefficient", "of_link": "of_link"},
     "backlash": {"width": "width", **_SHARES},

@@ -75,12 +75,6 @@ CATALOGUE = {
         "on_motor 0: |d target/dt| <= limit inside the servo; 1: torque <= stall "
         "(1 - v / limit)", "NAO6 datasheet: 4.5 and 7.0 rad/s",
     ),
-    "acceleration_limit": Cause(
-        (P("limit", "rad/s^2", 0.05, 2e3),), INF,
-        (Part("motor", drive.acceleration_limit, ("limit",), follows=True),),
-        "|d^2 target/dt^2| <= limit inside the servo, which brakes in time",
-        "Feetech STS3215 memory table: acceleration register, 0.15 to 39 rad/s^2",
-    ),
     "viscous_friction": Cause(
         (P("coefficient", "N*m*s/rad", 0.0, MOST),), 0.0,
         _body(body.viscous_friction, "coefficient"),

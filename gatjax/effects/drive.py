@@ -82,31 +82,6 @@ def speed_limit(period: float) -> Effect:
     return Effect(init, apply)
 
 
-def acceleration_limit(period: float) -> Effect:
-    """Let the target start and stop gradually; params: limit, rad/s^2, inf is neutral.
-
-    The servo's own motion profile: no faster than it can brake on the way that is left.
-    """
-
-    def init(limit: Array, signal: Signal) -> tuple[Array, Array]:
-        return signal.target, 0.0 * signal.target
-
-    def apply(
-        limit: Array, state: tuple[Array, Array], signal: Signal
-    ) -> tuple[tuple[Array, Array], Signal]:
-        xp = namespace_of(signal.target, limit)
-        held, pace = state
-        left, most = signal.target - held, limit * period**2
-        way = xp.abs(left)
-        stop = 2.0 * way / (0.5 + xp.sqrt(0.25 + 2.0 * way / most))
-        wanted = xp.sign(left) * xp.minimum(way, stop)
-        pace = pace + xp.clip(wanted - pace, -most, most)
-        held = held + pace
-        return (held, pace), signal._replace(target=held)
-
-    return Effect(init, apply)
-
-
 def _beyond(xp: Any, error: Array, half: Array) -> Array:
     """Part of an error outside the band +-half; its gradient is right at half = 0."""
     return xp.sign(error) * xp.maximum(xp.abs(error) - half, 0.0)

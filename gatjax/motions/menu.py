@@ -199,8 +199,8 @@ MENU: dict[str, Motion] = {
         ),
         Motion(
             "steps_large", "jumps as far as may be",
-            ("torque_limit", "speed_limit", "acceleration_limit", "gain_error",
-             "command_delay", "first_order_lag"),
+            ("torque_limit", "speed_limit", "gain_error", "command_delay",
+             "first_order_lag"),
             15.0, 0.015, patterns.steps_large,
         ),
         Motion(

@@ -199,9 +199,6 @@ CATALOGUE: dict[str, Cause] = {
     "damping_error": Cause("scale", "1", _dampings, field("kv", scale)),
     "torque_limit": Cause("limit", "N*m", _limits, field("limit", put)),
     "speed_limit": Cause("limit", "rad/s", _speeds, _top_speed),
-    "acceleration_limit": Cause(
-        "limit", "rad/s^2", plain(150.0, 5.0), field("target_ramp", put)
-    ),
     "viscous_friction": Cause(
         "coefficient", "N*m*s/rad", _viscous, field("damping", add)
     ),

@@ -72,7 +72,6 @@ def nominal(robot: Robot) -> Numbers:
         "lost": zero.copy(),  # share of targets
         "quantum": zero.copy(),  # rad
         "target_speed": zero + np.inf,  # rad/s
-        "target_ramp": zero + np.inf,  # rad/s^2
         "offset_loop": zero.copy(),  # rad, seen by the servo and the log
         "offset_log": zero.copy(),  # rad, in the log only
         "scale_log": zero + 1.0,

@@ -71,9 +71,7 @@ class Targets:
         self.last = np.stack([rows[0] for rows in self.rows])  # [L, J], after the lag
         self.slow = np.argwhere(numbers["lag"] > 0.0)
         self.limited = np.isfinite(numbers["target_speed"])
-        self.ramped = np.isfinite(numbers["target_ramp"])
-        self.held, self.profile = self.last.copy(), self.last.copy()
-        self.speed = np.zeros(self.last.shape)  # rad/s, of the profile
+        self.held = self.last.copy()
 
     def piece(self, first: int, count: int) -> np.ndarray:
         """The targets [count, L, J] from step `first` on, rad."""
@@ -93,8 +91,6 @@ class Targets:
             self.last[lane, joint] = filtered[-1]
         if self.limited.any():
             self._limit(out)
-        if self.ramped.any():
-            self._ramp(out)
         return out
 
     def _limit(self, out: np.ndarray) -> None:
@@ -105,21 +101,3 @@ class Targets:
             held = held + np.clip(moment[self.limited] - held, -most, most)
             moment[self.limited] = held
         self.held[self.limited] = held
-
-    def _ramp(self, out: np.ndarray) -> None:
-        """The profile between targets, in place: full acceleration, or full braking.
-
-        Half a step ahead, so that it comes to rest where it should.
-        """
-        ramp = self.numbers["target_ramp"][self.ramped]
-        place, speed = self.profile[self.ramped], self.speed[self.ramped]
-        for moment in out:
-            left = moment[self.ramped] - place - 0.5 * self.step * speed
-            fastest = np.sqrt(2.0 * ramp * np.abs(left))
-            near = np.abs(left) < ramp * self.step**2
-            wanted = np.where(near, left / self.step, np.copysign(fastest, left))
-            change = np.clip(wanted - speed, -ramp * self.step, ramp * self.step)
-            place = place + self.step * (speed + 0.5 * change)
-            speed = speed + change
-            moment[self.ramped] = place
-        self.profile[self.ramped], self.speed[self.ramped] = place, speed
