@@ -61,6 +61,7 @@ OWN = {  # coordinates, where the bank's middle start does too little or too muc
 }
 SHARE = 0.08
 MORE = {
+    "coulomb_friction less than nominal": 0.25,  # 0.21: of 2 mrad, stepping has 0.4
     "backlash encoder on motor": 0.12,  # 0.08: of 5 mrad only, stepping has 0.4
     "stiction": 0.12,  # 0.09: Stribeck's friction changes within a few steps
     "load_friction of the link's torque": 0.12,  # 0.083: the motor's last speed-up
@@ -172,7 +173,7 @@ def test_a_cause_moves_the_joint_the_same(name, world, plain):
         told = simulated(judged(world, theirs), hypothesis, own)
         known = simulated(judged(changed, theirs))
     effect = rms(theirs - angle)
-    assert effect > 4e-3
+    assert effect > 2e-3
     for seen in (known, told):
         left = min(rms(seen - theirs), rms((seen - ours) - (theirs - angle)))
         assert left < MORE.get(name, SHARE) * effect, left / effect

@@ -340,3 +340,16 @@ def test_a_balanced_link_can_lose_its_balance(tmp_path):
     world = add_cause(world_of(path), "com_shift", ["servo"], {"x": 0.05})
     sag = angles(world)[-1] - angles(world_of(path))[-1]
     assert sag == pytest.approx(9.81 * 0.05 / 20.0, rel=0.1)
+
+
+@pytest.mark.parametrize(("cause", "parameter", "field", "own"), [
+    ("armature", "inertia", "dof_armature", ROTOR),
+    ("viscous_friction", "coefficient", "dof_damping", DAMPING),
+    ("coulomb_friction", "torque", "dof_frictionloss", FRICTION),
+])  # fmt: skip
+def test_a_model_may_have_too_much_but_nothing_is_less_than_none(
+    file, cause, parameter, field, own
+):
+    for taken, left in ((0.4 * own, 0.6 * own), (2.0 * own, 0.0)):
+        world = add_cause(world_of(file), cause, ["servo"], {parameter: -taken})
+        assert world.values.body[field][0] == pytest.approx(left, abs=1e-9)

@@ -7,11 +7,13 @@ import numpy as np
 from gatjax.diagnosis import quantum
 from gatjax.diagnosis.aliases import LOGGED
 from gatjax.diagnosis.coordinates import (
+    LESS,
     add_terms,
     armature_of,
     factor,
     gain_of,
     geared,
+    lessened,
     limit_of,
     positive,
     resistance_of,
@@ -215,6 +217,9 @@ CAUSES: tuple[Hypothesis, ...] = (
         "coulomb_friction", "torque", "friction", 0.003, 1.0, (0.02, 0.06, 0.2),
         limit_of, True,
     ),
+    lessened("viscous_friction", "coefficient", "damping"),
+    lessened("coulomb_friction", "torque", "friction"),
+    lessened("armature", "inertia", "armature"),
     _stiction(),
     variant_of(_LOAD, "of the link's torque", {"of_link": 1.0}),
     variant_of(_LOAD, "of the servo's torque", {"of_link": 0.0}),
@@ -282,6 +287,8 @@ def of_drive(joint: Joint, bank: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ..
     barred = joint.assumed.barred | (frozenset() if joint.servoed else SERVOED)
     barred |= {c for name, some in SURE.items() for c in some
                if getattr(joint.allowed, name) == 0.0}  # fmt: skip
+    barred |= {f"{cause} ({LESS})" for name, (cause, *_) in SURE.items()
+               if not joint.nominal[name]}  # fmt: skip
     own = (each for each in bank if not {each.cause, each.name} & barred)
     return tuple(_of_joint(each, joint) for each in own)
 

@@ -17,6 +17,7 @@ from gatjax.diagnosis.joint import Joint
 from gatjax.diagnosis.tolerances import SHARES
 
 Scale = Callable[[Joint], float]
+LESS = "less than nominal"
 
 
 def _one(joint: Joint) -> float:
@@ -132,6 +133,22 @@ def factor(
     logs = tuple((float(np.log(start)),) for start in starts)
     return Hypothesis(
         cause, "", put, logs, (0.03,), (np.log(low),), (np.log(high),), values,
+        imitator=field, taken=lambda joint, x: getattr(joint.allowed, field) * x,
+    )  # fmt: skip
+
+
+def lessened(cause: str, parameter: str, field: str) -> Hypothesis:
+    """A nominal number that is too large: ln of the share of it that is there."""
+
+    def values(joint: Joint, x: np.ndarray) -> Numbers:
+        return {parameter: joint.nominal[field] * float(np.expm1(x[0]))}
+
+    def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
+        drive[field] = joint.nominal[field] * float(np.exp(x[0]))
+
+    starts = tuple((float(np.log(share)),) for share in (0.1, 0.3, 0.6))
+    return Hypothesis(
+        cause, LESS, put, starts, (0.03,), (np.log(0.02),), (np.log(0.97),), values,
         imitator=field, taken=lambda joint, x: getattr(joint.allowed, field) * x,
     )  # fmt: skip
 

@@ -76,13 +76,16 @@ CATALOGUE = {
         "(1 - v / limit)", "NAO6 datasheet: 4.5 and 7.0 rad/s",
     ),
     "viscous_friction": Cause(
-        (P("coefficient", "N*m*s/rad", 0.0, MOST),), 0.0,
+        (P("coefficient", "N*m*s/rad", -MOST, MOST),), 0.0,
         _body(body.viscous_friction, "coefficient"),
-        "torque = -coefficient velocity", "SimRobot 3: 0.01",
+        "torque = -coefficient velocity; negative: of what the model has",
+        "SimRobot 3: 0.01",
     ),
     "coulomb_friction": Cause(
-        (P("torque", "N*m", 0.0, MOST),), 0.0, _body(body.coulomb_friction, "torque"),
-        "dry friction torque added to frictionloss", "SimSpark naov4: 0.1 N m",
+        (P("torque", "N*m", -MOST, MOST),), 0.0,
+        _body(body.coulomb_friction, "torque"),
+        "dry friction torque added to frictionloss, or taken from it",
+        "SimSpark naov4: 0.1 N m",
     ),
     "stiction": Cause(
         (P("excess", "N*m", 0.0, MOST), P("velocity", "rad/s", 0.002, 5.0, 0.1)), 0.0,
@@ -171,8 +174,9 @@ CATALOGUE = {
         "CAD against weighed links: 5 to 30 mm", direction=("x", "y", "z"),
     ),
     "armature": Cause(
-        (P("inertia", "kg*m^2", 0.0, 1e4),), 0.0, _body(body.armature, "inertia"),
-        "inertia added to the rotor's at the joint", "BAM: 0.0011 to 0.028 kg m^2",
+        (P("inertia", "kg*m^2", -1e4, 1e4),), 0.0, _body(body.armature, "inertia"),
+        "inertia added to the rotor's at the joint, or taken from it",
+        "BAM: 0.0011 to 0.028 kg m^2",
     ),
     "gravity_tilt": Cause(
         (P("angle", "rad", 0.0, 2.0 * TURN), P("roll", "rad", -TURN, TURN, 0.0),
