@@ -260,7 +260,14 @@ def judged(numbers: dict[str, float]) -> Judge:
         link=Link(200.0, np.array([1.5, 0.0, -1.5]), np.eye(3)[0]),
     )  # fmt: skip
     judge: Any = object.__new__(Judge)
-    judge.joints, judge.case = [joint], SimpleNamespace(supply=numbers["limit"])
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><body><joint name="joint" damping="{damping}"
+        frictionloss="{friction}" armature="{armature}"/><geom size="1"/></body>
+        </worldbody><actuator><motor joint="joint"/></actuator></mujoco>
+        """.format(**numbers)
+    )
+    case = SimpleNamespace(supply=numbers["limit"], model=model)
+    judge.joints, judge.case = [joint], case
     return judge
 
 
@@ -291,7 +298,7 @@ def test_the_world_takes_all_that_the_search_can_find(
 
 def test_a_shared_share_is_another_torque_at_a_weaker_joint() -> None:
     """Friction of a tenth of each limit: what each joint was fitted with."""
-    [hypothesis] = [h for h in CAUSES if h.cause == "coulomb_friction"]
+    [hypothesis] = [h for h in CAUSES if h.law == ("coulomb_friction", "")]
     [lag] = [h for h in CAUSES if h.cause == "first_order_lag"]
     judge = judged(STRONG)
     strong = judge.joints[0]
@@ -308,3 +315,16 @@ def test_a_shared_share_is_another_torque_at_a_weaker_joint() -> None:
         assert values["torque"] == pytest.approx(drive["friction"])
     shared = effects(judge, Claim(lag, own, (0, 1, 2), {}, 0.0))
     assert [where for _, where, _ in shared] == [["all"]]
+
+
+def test_no_more_is_taken_from_a_joint_than_it_has_itself() -> None:
+    """Friction of joints that are tied to it is in its nominal number, too."""
+    [less] = [h for h in CAUSES if h.law == ("coulomb_friction", "less than nominal")]
+    judge = judged(STRONG)
+    (joint,) = judge.joints
+    own = float(judge.case.model.dof_frictionloss[0])
+    tied = joint.nominal | {"friction": 3.0 * own}
+    judge.joints = [joint._replace(nominal=tied)]
+    claim = Claim(less, np.log(np.array([0.1])), (0,), {}, 0.0)
+    assert parameters(judge, claim)["torque"] == pytest.approx(-2.7 * own)
+    assert world_values(judge, claim)["torque"] == pytest.approx(-own)

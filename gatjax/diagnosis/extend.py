@@ -22,6 +22,10 @@ from gatjax.sim.world import World
 TIMESTEP = 5e-4  # s: a position servo's angle is off by its motion in half a step
 LEAST = 0.25  # of its tolerance, the usual one at most: less is left out
 OF = {"zero_in": "zero", "zero_out": "zero", "delay": "late"}  # in `Tolerances`
+OWN = {  # fields of a driven joint alone; others may be tied to it
+    "armature": "dof_armature", "coulomb_friction": "dof_frictionloss",
+    "viscous_friction": "dof_damping",
+}  # fmt: skip
 Row = dict[str, Any]
 
 
@@ -73,6 +77,10 @@ def world_values(judge: Judge, claim: Claim) -> dict[str, float]:
         return values | {"total": judge.case.supply}
     if cause == "joint_elasticity":
         return values | {"damping_ratio": plant.DAMPING_RATIO}
+    if cause in OWN and min(values.values()) < 0.0:
+        owners = [judge.joints[k] for k in claim.where]
+        most = min(_own(judge.case.model, OWN[cause], joint) for joint in owners)
+        return {name: max(value, -most) for name, value in values.items()}
     return values
 
 
@@ -148,12 +156,11 @@ def _corrections(
     """By tolerance: the cause that corrects it, its value and further parameters."""
     before = joint.assumed.law(joint.nominal["limit"])
     drive = joint.nominal | numbers(joint, None, fit.x[:COUNT])
-    dof = model.jnt_dofadr[model.actuator_trnid[joint.index, 0]]
-    more = {  # of the driven joint alone, where others are tied to it
-        name: max(drive[name] - joint.nominal[name], -float(own[dof]))
-        for name, own in (
-            ("damping", model.dof_damping), ("friction", model.dof_frictionloss),
-            ("armature", model.dof_armature),
+    more = {
+        name: max(drive[name] - joint.nominal[name], -_own(model, OWN[cause], joint))
+        for name, cause in (
+            ("damping", "viscous_friction"), ("friction", "coulomb_friction"),
+            ("armature", "armature"),
         )
     } | {
         name: drive[name] - before.get(name, 0.0)
@@ -171,6 +178,12 @@ def _corrections(
         "zero_in": ("encoder_offset", more["zero_in"], {"in_loop": 1.0}),
         "delay": ("command_delay", more["delay"], {}),
     }
+
+
+def _own(model: mujoco.MjModel, field: str, joint: Joint) -> float:
+    """What a model gives a driven joint itself."""
+    dof = model.jnt_dofadr[model.actuator_trnid[joint.index, 0]]
+    return float(getattr(model, field)[dof])
 
 
 def neutral(rows: list[Row]) -> list[Row]:

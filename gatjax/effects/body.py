@@ -43,9 +43,9 @@ def torque_limit(model: Any, fields: Fields, params: dict[str, Array]) -> Fields
 
 
 def _plus(name: str, model: Any, fields: Fields, amount: Array) -> Fields:
-    """Add `amount` [J] to a field of the joints' degrees of freedom, 0 at least."""
-    field, dofs = _now(model, fields, name), _dofs(model)
-    field[dofs] = np.maximum(field[dofs] + amount, 0.0)
+    """Add `amount` [J] to a field of the joints' degrees of freedom."""
+    field = _now(model, fields, name)
+    field[_dofs(model)] += amount
     return fields | {name: field}
 
 
