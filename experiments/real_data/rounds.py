@@ -66,6 +66,7 @@ def _taken(folder: Path) -> Path:
     rows = [row | {"role": "calibration"} for row in world["effects"]]
     rows += [
         {name: row[name] for name in ("cause", "where", "values")}
+        | ({"where": ["all"]} if CATALOGUE[row["cause"]].place == "all" else {})
         | {"role": "calibration"}
         for row in found(folder)
         if row["probability"] is None
