@@ -59,6 +59,7 @@ OWN = {  # coordinates, where the bank's middle start does too little or too muc
     "backlash": (np.log(0.08), 0.3, 0.2),
     "joint_elasticity": (np.log(1.0), 0.3, 0.2),
 }
+LEAST = {"coulomb_friction less than nominal": 2e-3}  # of 0.045 N m in all
 SHARE = 0.08
 MORE = {
     "coulomb_friction less than nominal": 0.25,  # 0.21: of 2 mrad, stepping has 0.4
@@ -173,7 +174,7 @@ def test_a_cause_moves_the_joint_the_same(name, world, plain):
         told = simulated(judged(world, theirs), hypothesis, own)
         known = simulated(judged(changed, theirs))
     effect = rms(theirs - angle)
-    assert effect > 2e-3
+    assert effect > LEAST.get(name, 4e-3)
     for seen in (known, told):
         left = min(rms(seen - theirs), rms((seen - ours) - (theirs - angle)))
         assert left < MORE.get(name, SHARE) * effect, left / effect

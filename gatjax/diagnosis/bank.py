@@ -287,10 +287,12 @@ def of_drive(joint: Joint, bank: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ..
     barred = joint.assumed.barred | (frozenset() if joint.servoed else SERVOED)
     barred |= {c for name, some in SURE.items() for c in some
                if getattr(joint.allowed, name) == 0.0}  # fmt: skip
-    barred |= {f"{cause} ({LESS})" for name, (cause, *_) in SURE.items()
-               if not joint.nominal[name]}  # fmt: skip
-    own = (each for each in bank if not {each.cause, each.name} & barred)
-    return tuple(_of_joint(each, joint) for each in own)
+    return tuple(
+        _of_joint(each, joint)
+        for each in bank
+        if not {each.cause, each.name} & barred
+        and (each.variant != LESS or joint.nominal[each.imitator])
+    )
 
 
 def _of_joint(each: Hypothesis, joint: Joint) -> Hypothesis:

@@ -143,14 +143,8 @@ def lessened(cause: str, parameter: str, field: str) -> Hypothesis:
     def values(joint: Joint, x: np.ndarray) -> Numbers:
         return {parameter: joint.nominal[field] * float(np.expm1(x[0]))}
 
-    def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
-        drive[field] = joint.nominal[field] * float(np.exp(x[0]))
-
-    starts = tuple((float(np.log(share)),) for share in (0.1, 0.3, 0.6))
-    return Hypothesis(
-        cause, LESS, put, starts, (0.03,), (np.log(0.02),), (np.log(0.97),), values,
-        imitator=field, taken=lambda joint, x: getattr(joint.allowed, field) * x,
-    )  # fmt: skip
+    share = factor(cause, field, 0.02, 0.97, (0.1, 0.3, 0.6))
+    return share._replace(variant=LESS, values=values)
 
 
 def _of_zero(field: str) -> dict[str, Any]:

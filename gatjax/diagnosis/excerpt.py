@@ -76,30 +76,30 @@ def _tiled(time: np.ndarray, rows: np.ndarray) -> list[np.ndarray]:
     ]
 
 
-def _spread(pieces: list[np.ndarray], log: Recording, count: int) -> list[np.ndarray]:
+def _spread(
+    pieces: list[np.ndarray], moved: np.ndarray, count: int
+) -> list[np.ndarray]:
     """So many pieces of a run, as different in speed as they come, in time's order."""
     if count >= len(pieces):
         return pieces
-    ranks = np.argsort([_liveliness(log, rows) for rows in pieces], kind="stable")
+    lively = [np.nanmean(moved[rows[:-1]], 0).sum() for rows in pieces]
+    ranks = np.argsort(lively, kind="stable")
     chosen = np.round(np.linspace(len(pieces) - 1, 0, count)).astype(int)
     return [pieces[k] for k in sorted(ranks[chosen])]
 
 
-def _liveliness(log: Recording, rows: np.ndarray) -> float:
-    """Mean square of how fast all joints move, each over what it does in its log."""
-    total = 0.0
-    for name, values in log.columns.items():
-        if name.startswith("position."):
-            usual = np.nanmean(np.square(np.diff(values))) + 1e-12
-            total += float(np.nanmean(np.square(np.diff(values[rows]))) / usual)
-    return total
+def _moved(log: Recording) -> np.ndarray:
+    """Square of each step of each joint [N - 1, J], over its mean in the log."""
+    angles = [v for name, v in log.columns.items() if name.startswith("position.")]
+    squares = np.square(np.diff(np.stack(angles, 1), axis=0))
+    return squares / (np.nanmean(squares, 0) + 1e-12)
 
 
 def _cut(log: Recording, runs: list[tuple[np.ndarray, int]]) -> Recording:
     """A log of so many pieces of each of its runs; short runs stay whole."""
-    kept, number = [], []
+    kept, number, moved = [], [], _moved(log)
     for rows, count in runs:
-        for some in _spread(_tiled(log.time[rows], rows), log, count):
+        for some in _spread(_tiled(log.time[rows], rows), moved, count):
             kept.append(some)
             number.append(np.full(len(some), len(number)))
     rows = np.concatenate(kept)
