@@ -13,13 +13,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pictures import Panel, draw
 from rounds import found, repeated
 
 from gatjax.data.readers.assemble import joined
 from gatjax.data.recording import Recording, read_recording, write_recording
 from gatjax.data.trajectories import to_arrays
 from gatjax.diagnosis.measure import stretched
-from gatjax.diagnosis.start import read_start
+from gatjax.diagnosis.start import Start, read_start
 from gatjax.runs import write_json
 from gatjax.sim.replay import replay_many
 from gatjax.sim.world import World, stacked, stiffened
@@ -53,8 +54,8 @@ def even(log: Recording) -> Recording:
     return log._replace(time=time - time[0], trajectory=run, columns=columns)
 
 
-def errors(world: World, logs: list[Recording]) -> list[float]:
-    """Mean absolute error of each log, played open loop as a whole, degrees."""
+def played(world: World, logs: list[Recording]) -> list[np.ndarray]:
+    """Angles [N] of each log, played open loop as a whole, degrees."""
     world, runs = stiffened(world), [to_arrays(log, ("servo",))[0] for log in logs]
     speed = np.stack([log.columns["velocity.servo"][:1] for log in logs])
     command, share = (
@@ -63,12 +64,22 @@ def errors(world: World, logs: list[Recording]) -> list[float]:
     )
     first = np.stack([run.angle[0] for run in runs])
     values = stacked([world.values] * len(runs))
-    played = replay_many(world, values, command, first, speed, None, share)
-    angle = np.asarray(played.reading.angle)
-    off = [
-        row[: len(run.angle)] - run.angle for row, run in zip(angle, runs, strict=True)
+    out = replay_many(world, values, command, first, speed, None, share)
+    angle = np.rad2deg(np.asarray(out.reading.angle)[:, :, 0])
+    return [row[: len(run.angle)] for row, run in zip(angle, runs, strict=True)]
+
+
+def errors(world: World, logs: list[Recording]) -> list[float]:
+    """Mean absolute error of each log, played open loop as a whole, degrees."""
+    return [
+        float(np.abs(angle - degrees(log, "position")).mean())
+        for angle, log in zip(played(world, logs), logs, strict=True)
     ]
-    return [float(np.rad2deg(np.abs(each).mean())) for each in off]
+
+
+def degrees(log: Recording, channel: str) -> np.ndarray:
+    """A channel [N] of a log in degrees."""
+    return np.rad2deg(log.columns[f"{channel}.servo"])
 
 
 def diagnosed(split: str, out: Path) -> dict[str, Any]:
@@ -85,6 +96,10 @@ def diagnosed(split: str, out: Path) -> dict[str, Any]:
     rounds = repeated(["--model", str(MODEL)], given, out)
     world = read_start(rounds[-1]).world(PERIOD, STEP)
     told = {name: errors(world, some) for name, some in sets.items()}
+    held = sets["held"]
+    worlds = {"nominal": Start(str(MODEL)).world(PERIOD, STEP), "gatjax": world}
+    lines = {name: played(each, held) for name, each in worlds.items()}
+    draw([_panel(log, k, lines) for k, log in enumerate(held)], 2, out / "held_out.png")
     return {
         "fit_deg": float(np.mean(told["fit"])),
         "held_out_deg": float(np.mean(told["held"])),
@@ -93,3 +108,10 @@ def diagnosed(split: str, out: Path) -> dict[str, Any]:
         "causes": [row for folder in rounds for row in found(folder)],
         "rounds": len(rounds),
     }  # fmt: skip
+
+
+def _panel(log: Recording, number: int, lines: dict[str, list[np.ndarray]]) -> Panel:
+    """A held-out log in the picture."""
+    mine = {name: angles[number] for name, angles in lines.items()}
+    told = {"command": degrees(log, "command"), "measured": degrees(log, "position")}
+    return Panel(log.name.split("/")[-1], log.time, told | mine)

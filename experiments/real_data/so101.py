@@ -6,20 +6,24 @@ whole logs of the rest, beside the model that GAT learns from the same fit data.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from anchor import fitted
 from logs import until
+from pictures import Panel, draw
 
 from gatjax.cli import main as gatjax
 from gatjax.data.recording import Recording, read_recording, write_recording
+from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import measure
 from gatjax.diagnosis.diagnose import control_period, cut
 from gatjax.diagnosis.start import Start, read_start
+from gatjax.grounding.network import Network
 from gatjax.robot import model as robot_model
-from gatjax.runs import read_json, write_json
+from gatjax.runs import read_json
 from gatjax.sim.world import World
 
 HERE = Path(__file__).parent
@@ -30,12 +34,15 @@ HALVES = (
 )
 HELD_OUT = ("pick_place", "figure_eight", "prbs_excitation", "backlash_detection")
 STEP = 5e-4  # s, of the physics
+INKED = {"nominal": "nominal", "sysid": "mujoco.sysid", "extended": "gatjax"}
+SHOWN = (  # in the picture: held-out log, joint, from and to s
+    ("pick_place", "Pitch", 0.0, 30.0), ("pick_place", "Elbow", 0.0, 30.0),
+    ("pick_place", "Jaw", 0.0, 30.0), ("figure_eight", "Rotation", 0.0, 30.0),
+    ("backlash_detection", "Elbow", 60.0, 90.0), ("prbs_excitation", "Jaw", 0.0, 15.0),
+)  # fmt: skip
 FREE = {"large_amplitude": 95.0}  # s, until the arm leans on something: see `logs`
-TOLERANCES = {  # servos of which others measured one, a zero that hands calibrated
-    "schema": "gatjax.tolerances/1", "kp": 0.2, "kv": 0.3, "damping": 0.3,
-    "friction": 0.4, "armature": 0.3, "zero": float(np.deg2rad(0.5)), "late": 0.003,
-    "angle": float(np.deg2rad(0.25)),
-}  # fmt: skip
+# Servos of which others measured one, a zero that hands calibrated.
+TOLERANCES = HERE / "models/so101.tolerances.json"
 
 
 def logs(names: tuple[str, ...]) -> list[Recording]:
@@ -61,9 +68,8 @@ def diagnosed(names: tuple[str, ...], out: Path) -> Path:
         (out.parent / "logs").mkdir(exist_ok=True)
         for file, log in zip(files, logs(names), strict=True):
             write_recording(file, log)
-        write_json(out / "tolerances.json", TOLERANCES)
         given = ["--model", str(MODEL), "--data", *files, "--out", str(out)]
-        given += ["--tolerances", f"{out}/tolerances.json"]
+        given += ["--tolerances", str(TOLERANCES)]
         if code := gatjax(["diagnose", *given]):
             raise SystemExit(code)
     return out
@@ -93,7 +99,14 @@ def compared(out: Path) -> dict[str, Any]:
             ("extended", read_start(whole)),
         )
     }  # fmt: skip
-    errors = _errors(worlds, seen, unseen, period)
+    forward = measure.learn(seen, 0)
+    played = {name: measure.whole_log(each, unseen) for name, each in worlds.items()}
+    draw(_panels(unseen, played, joints), 3, out / "so101.png")
+    played["learned"] = measure.learned_log(forward, unseen)
+    errors = {
+        "half_second": _ahead(worlds, forward, unseen, period),
+        "whole_log": measure.log_errors(unseen, played),
+    }
     told = {
         horizon: {name: float(np.sqrt(e.squared.mean())) for name, e in each.items()}
         for horizon, each in errors.items()
@@ -108,22 +121,34 @@ def compared(out: Path) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _errors(
-    worlds: dict[str, World], seen: list[Any], unseen: list[Any], period: float
-) -> dict[str, dict[str, measure.Errors]]:
-    """Errors on held-out runs, half a second ahead and over whole logs."""
-    forward, pieces = measure.learn(seen, 0), measure.windows(unseen, period)
+def _ahead(
+    worlds: dict[str, World], forward: Network, unseen: list[JointRun], period: float
+) -> dict[str, measure.Errors]:
+    """Errors on held-out runs, half a second ahead."""
+    pieces = measure.windows(unseen, period)
     if pieces is None:
         raise SystemExit("the held-out logs have no half second without a gap")
     ahead = {name: measure.windowed(each, pieces, period)
              for name, each in worlds.items()}  # fmt: skip
     ahead["learned"] = measure.learned_windows(forward, pieces, period)
-    whole = {name: measure.whole_log(each, unseen) for name, each in worlds.items()}
-    whole["learned"] = measure.learned_log(forward, unseen)
     return {
-        "half_second": {
-            name: measure.window_errors(pieces, angles, 0.5, period)
-            for name, angles in ahead.items()
-        },
-        "whole_log": measure.log_errors(unseen, whole),
+        name: measure.window_errors(pieces, angles, 0.5, period)
+        for name, angles in ahead.items()
     }
+
+
+def _panels(
+    unseen: list[JointRun], played: dict[str, list[np.ndarray]], joints: Sequence[str]
+) -> list[Panel]:
+    """The picture's panels; whole logs are played open loop."""
+    out = []
+    for name, joint, begin, end in SHOWN:
+        log, column = HELD_OUT.index(name), list(joints).index(joint)
+        run = unseen[log]
+        time = run.time - run.time[0]
+        rows = (time >= begin) & (time <= end)
+        lines = {"command": run.command, "measured": run.angle}
+        lines |= {INKED[kind]: angles[log] for kind, angles in played.items()}
+        degrees = {kind: np.rad2deg(v[rows, column]) for kind, v in lines.items()}
+        out.append(Panel(f"{joint}, {name}", time[rows], degrees))
+    return out

@@ -1,7 +1,7 @@
 """Pieces of long logs: causes are looked for in as much as there is time for.
 
 A diagnosis simulates its fit logs tens of thousands of times. Of long ones it takes
-pieces, from the calmest to the liveliest: some causes show at rest, others at speed
+pieces of every speed that they have: some causes show at rest, others at speed
 only. What does not show within a piece (a motor that warms up over minutes) does not
 count then. Held-out logs stay whole.
 """
@@ -34,8 +34,8 @@ def shortened(logs: Sequence[Recording], joints: int) -> str | None:
         return None
     return (
         f"the logs to be explained last {whole:.0f} s: causes are looked for in "
-        f"{enough:.0f} s of them, pieces of {PIECE:.0f} s from the calmest to the "
-        f"liveliest; for what builds up over minutes give a shorter log"
+        f"{enough:.0f} s of them, pieces of {PIECE:.0f} s from calm to lively; for "
+        f"what builds up over minutes give a shorter log"
     )
 
 
@@ -79,13 +79,20 @@ def _tiled(time: np.ndarray, rows: np.ndarray) -> list[np.ndarray]:
 def _spread(
     pieces: list[np.ndarray], moved: np.ndarray, count: int
 ) -> list[np.ndarray]:
-    """So many pieces of a run, as different in speed as they come, in time's order."""
+    """So many pieces of a run, in time's order, each for as much of it.
+
+    Ordered by speed, a run is divided into parts with as much time and way, half and
+    half; the middle of each is taken. So a moment's motion in a calm log is there, and
+    the fastest end of a chirp, where any drive gives up, counts for what it is.
+    """
     if count >= len(pieces):
         return pieces
-    lively = [np.nanmean(moved[rows[:-1]], 0).sum() for rows in pieces]
-    ranks = np.argsort(lively, kind="stable")
-    chosen = np.round(np.linspace(len(pieces) - 1, 0, count)).astype(int)
-    return [pieces[k] for k in sorted(ranks[chosen])]
+    speed = np.sqrt([np.nanmean(moved[rows[:-1]], 0).sum() for rows in pieces])
+    order, each = np.argsort(speed, kind="stable"), np.arange(count)
+    share = (1.0 / len(pieces) + speed[order] / max(speed.sum(), 1e-12)) / 2.0
+    middle = np.searchsorted(np.cumsum(share), (each + 0.5) / count * share.sum())
+    apart = np.minimum.accumulate((middle - each)[::-1])[::-1]  # no piece twice
+    return [pieces[k] for k in sorted(order[np.maximum(apart, 0) + each])]
 
 
 def _moved(log: Recording) -> np.ndarray:
