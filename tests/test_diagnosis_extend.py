@@ -12,12 +12,19 @@ from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import measure
 from gatjax.diagnosis.bank import CAUSES
 from gatjax.diagnosis.claims import Claim
-from gatjax.diagnosis.extend import effects, neutral, parameters, world_values
+from gatjax.diagnosis.extend import (
+    calibration,
+    effects,
+    neutral,
+    parameters,
+    world_values,
+)
 from gatjax.diagnosis.fit import Fit
-from gatjax.diagnosis.hypotheses import COUNT, Hypothesis
+from gatjax.diagnosis.hypotheses import COUNT, TOLERANCES, Hypothesis
 from gatjax.diagnosis.joint import GRAVITY, Joint, Link
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.mjcf import lacking, write_model
+from gatjax.diagnosis.verdict import Verdict
 from gatjax.effects.catalogue import CATALOGUE
 from gatjax.effects.cause import check_range, complete
 from gatjax.robot import model as robot_model
@@ -328,3 +335,19 @@ def test_no_more_is_taken_from_a_joint_than_it_has_itself() -> None:
     claim = Claim(less, np.log(np.array([0.1])), (0,), {}, 0.0)
     assert parameters(judge, claim)["torque"] == pytest.approx(-2.7 * own)
     assert world_values(judge, claim)["torque"] == pytest.approx(-own)
+
+
+def test_a_number_that_a_cause_sets_is_not_corrected_besides() -> None:
+    """What a tolerance had taken on before the cause was named has no effect."""
+    [less] = [h for h in CAUSES if h.law == ("armature", "less than nominal")]
+    judge = judged(STRONG)
+
+    def corrected(fit: Fit) -> list[str]:
+        fit.x[TOLERANCES.index("armature")] = -1.0
+        judge.known = [fit]
+        verdict = Verdict("none", [], [], None, [], judge)
+        return [row["cause"] for row in calibration(verdict)]
+
+    plain = start_fit(less, np.log([0.1]))._replace(hypothesis=None, x=np.zeros(COUNT))
+    assert corrected(plain) == ["armature"]
+    assert corrected(start_fit(less, np.log([0.1]))) == []

@@ -139,7 +139,8 @@ def calibration(verdict: Verdict) -> list[Row]:
             sooner = name == "delay" and value < 0.0
             unheard = name == "zero_in" and not joint.servoed
             boundless = name == "limit" and not joint.limited
-            if (small and abs(x[name]) < LEAST) or sooner or unheard or boundless:
+            idle = sooner or unheard or boundless or _told(joint, fit, name)
+            if (small and abs(x[name]) < LEAST) or idle:
                 continue
             values = {CATALOGUE[cause].main.name: float(value)} | more
             rows.append(
@@ -148,6 +149,14 @@ def calibration(verdict: Verdict) -> list[Row]:
             )  # fmt: skip
     # in an order in which they share effects
     return sorted(rows, key=lambda row: (row["cause"], len(row["values"])))
+
+
+def _told(joint: Joint, fit: Fit, name: str) -> bool:
+    """Whether a named cause sets the number that a tolerance is about."""
+    without = fit.x.copy()
+    without[TOLERANCES.index(name)] = 0.0
+    one, other = (numbers(joint, fit.hypothesis, x)[name] for x in (fit.x, without))
+    return bool(one == other)
 
 
 def _corrections(
