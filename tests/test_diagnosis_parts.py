@@ -320,6 +320,30 @@ def test_losses_on_the_way_do_not_depend_on_what_is_lost(chance, low, high):
     assert low < drops.selective([lost], [command]) < high
 
 
+def bursts(share, rng, ticks=400, mean=4):
+    """A mask with bursts of losses, a share of all ticks on average."""
+    ends = rng.uniform(size=ticks) < 1.0 / mean
+    begins = rng.uniform(size=ticks) < share / ((1.0 - share) * mean)
+    mask = np.zeros(ticks, bool)
+    for k in range(1, ticks):
+        mask[k] = not ends[k] if mask[k - 1] else begins[k]
+    return mask
+
+
+def test_losses_on_the_way_do_not_depend_on_the_motion():
+    rng = np.random.default_rng(2)
+    fast, slow = (np.sin(np.arange(400) * each) for each in (0.3, 0.05))
+    even = [
+        drops.chance([bursts(0.2, rng), bursts(0.2, rng)], [fast, slow], 1e-3)
+        for _ in range(100)
+    ]
+    assert np.mean(np.array(even) < 0.05) < 0.12
+    assert min(even) > drops.UNLIKELY
+    apart = drops.chance([bursts(0.4, rng), bursts(1e-9, rng)], [fast, slow], 1e-3)
+    assert apart < drops.UNLIKELY
+    assert drops.chance([bursts(0.4, rng)] * 2, [fast, 0.0 * slow], 1e-3) == 1.0
+
+
 def test_a_command_that_never_moves_loses_nothing():
     still = np.zeros(100)
     assert drops.selective([still > 1.0], [still]) == 0.0

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from scipy.stats import chi2
 
 from gatjax.diagnosis import beam
 from gatjax.diagnosis import fit as fits
@@ -33,6 +34,8 @@ PROMISING = 0.5  # the same, of what another explanation leaves
 SCOUTS, SPREAD = 6, 1.5  # starts beside the nominal one; tolerances of theirs
 SCOUTING, FOLLOWED = 3, 2  # rounds of a scout; the best that are followed
 SELECTIVE = 3.0  # deviations: small changes are lost more often than by chance
+SHOWN = 4.0  # times the noise: a change that cannot be overlooked
+UNLIKELY = 1e-3  # probability of losses that differ so much from run to run
 LONG = 4  # ticks of a burst that may be a loss of power instead
 
 
@@ -83,6 +86,31 @@ def selective(lost: Sequence[np.ndarray], commands: Sequence[np.ndarray]) -> flo
     spread = mean * (1.0 - mean) * together * (1.0 / small.sum() + 1.0 / (~small).sum())
     apart = float(gone[small].mean() - gone[~small].mean())
     return apart / float(np.sqrt(max(spread, 1e-12)))
+
+
+def chance(
+    lost: Sequence[np.ndarray], commands: Sequence[np.ndarray], noise: float
+) -> float:
+    """Probability that losses which come as evenly differ so much from run to run.
+
+    What a fast motion alone loses, no line has lost. Changes that show in the readings
+    count (chi-square test of their shares; a burst is one event).
+
+    Args:
+        lost: decoded masks of each run [N].
+        commands: of each run [N], rad.
+        noise: of the joint's readings, rad.
+    """
+    shows = [np.abs(np.diff(command)) > SHOWN * noise for command in commands]
+    gone = [mask[1:][rows] for mask, rows in zip(lost, shows, strict=True)]
+    counts = np.array([len(each) for each in gone if len(each)])
+    if len(counts) < 2:
+        return 1.0
+    shares = np.array([each.mean() for each in gone if len(each)])
+    mean = float(counts @ shares / counts.sum())
+    spread = mean * (1.0 - mean) * statistics(lost, commands)["burst"]
+    apart = float(counts @ np.square(shares - mean)) / max(spread, 1e-12)
+    return float(chi2.sf(apart, len(counts) - 1))
 
 
 def share(lost: Sequence[np.ndarray]) -> float:

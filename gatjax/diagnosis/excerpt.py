@@ -17,6 +17,7 @@ from gatjax.data.recording import Recording
 ENOUGH, JOINTS = 60.0, 400.0  # s that are looked into: of all joints, and of each
 LONG = 2.5  # times that: longer logs are cut
 PIECE = 6.0  # s
+OUTSTANDING = 3.0  # times the speed of the middle of a part
 
 
 def _enough(logs: Sequence[Recording], joints: int) -> tuple[float, float]:
@@ -79,20 +80,21 @@ def _tiled(time: np.ndarray, rows: np.ndarray) -> list[np.ndarray]:
 def _spread(
     pieces: list[np.ndarray], moved: np.ndarray, count: int
 ) -> list[np.ndarray]:
-    """So many pieces of a run, in time's order, each for as much of it.
+    """So many pieces of a run, in time's order, each for as many of them.
 
-    Ordered by speed, a run is divided into parts with as much time and way, half and
-    half; the middle of each is taken. So a moment's motion in a calm log is there, and
-    the fastest end of a chirp, where any drive gives up, counts for what it is.
+    Ordered by speed and divided into parts, of each part the middle one is taken. So
+    the fastest end of a chirp, where any drive gives up, counts for what it is; but a
+    part in which something moves `OUTSTANDING` times as much is there with that.
     """
     if count >= len(pieces):
         return pieces
     speed = np.sqrt([np.nanmean(moved[rows[:-1]], 0).sum() for rows in pieces])
-    order, each = np.argsort(speed, kind="stable"), np.arange(count)
-    share = (1.0 / len(pieces) + speed[order] / max(speed.sum(), 1e-12)) / 2.0
-    middle = np.searchsorted(np.cumsum(share), (each + 0.5) / count * share.sum())
-    apart = np.minimum.accumulate((middle - each)[::-1])[::-1]  # no piece twice
-    return [pieces[k] for k in sorted(order[np.maximum(apart, 0) + each])]
+    chosen = []
+    for part in np.array_split(np.argsort(speed, kind="stable"), count):
+        middle, fastest = part[len(part) // 2], part[-1]
+        out = speed[fastest] > OUTSTANDING * speed[middle]
+        chosen.append(fastest if out else middle)
+    return [pieces[k] for k in sorted(chosen)]
 
 
 def _moved(log: Recording) -> np.ndarray:

@@ -348,7 +348,8 @@ class Judge(Known):
             assert owner is not None
             return Claim(owner.newest, np.zeros(0), (index,), {index: found.fit}, gain)
 
-        random = drops.selective(loss.lost, commands) < drops.SELECTIVE
+        even = drops.chance(loss.lost, commands, joint.noise) > drops.UNLIKELY
+        random = even and drops.selective(loss.lost, commands) < drops.SELECTIVE
         right = [
             claim(found)._replace(lost={index: loss.lost} if found is loss else None)
             for found in (loss if random else None, outage)
