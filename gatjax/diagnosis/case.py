@@ -108,6 +108,8 @@ class Case:
     healthy: list[Fit]
     pulled: dict[int, float] = dataclasses.field(default_factory=dict)
     # joints drawn to their measured motion, 1/s
+    aside: dict[int, tuple[int, ...]] = dataclasses.field(default_factory=dict)
+    # runs of a joint that do not count, since nothing explains them
 
     @property
     def tree(self) -> weights.Tree:
@@ -130,6 +132,11 @@ class Case:
         """Nats of the tolerances alone, all joints together."""
         pairs = zip(self.joints, self.healthy, strict=True)
         return sum(evidence(joint, fit) for joint, fit in pairs)
+
+    @property
+    def eased(self) -> int:
+        """In how many ways joints look better than they are."""
+        return len(self.pulled) + sum(map(len, self.aside.values()))
 
     def commands(self, joint: int) -> list[np.ndarray]:
         """Commands of a joint, per run [N] rad."""
@@ -264,7 +271,7 @@ def along(case: Case, known: list[Joint], fits: list[Fit]) -> Case:
         case.base.assumed,
     )  # fmt: skip
     new = dataclasses.replace(case, joints=ready, motions=moved, loads=loads)
-    return pulled(new, case.pulled)
+    return pulled(left_aside(new, {}), case.pulled)
 
 
 def pulled(case: Case, drawn: dict[int, float]) -> Case:
@@ -280,6 +287,15 @@ def pulled(case: Case, drawn: dict[int, float]) -> Case:
     rates = {k: rate for k, rate in (case.pulled | drawn).items() if rate > 0.0}
     ready = [joint.drawn(rates.get(joint.index, 0.0)) for joint in case.joints]
     return dataclasses.replace(case, joints=ready, pulled=rates)
+
+
+def left_aside(case: Case, runs: dict[int, tuple[int, ...]]) -> Case:
+    """The same case with more runs of some joints left aside; joints it lacks stay."""
+    every = case.aside | {
+        k: (*case.aside.get(k, ()), *some) for k, some in runs.items()
+    }
+    ready = [joint.without(every.get(joint.index, ())) for joint in case.joints]
+    return dataclasses.replace(case, joints=ready, aside=every)
 
 
 def _resimulated(

@@ -14,7 +14,7 @@ import numpy as np
 
 from gatjax.data.recording import Recording
 
-ENOUGH, JOINTS = 60.0, 400.0  # s that are looked into: of all joints, and of each
+ENOUGH, JOINTS = 60.0, 600.0  # s that are looked into: of all joints, and of each
 LONG = 2.5  # times that: longer logs are cut
 PIECE = 6.0  # s
 OUTSTANDING = 3.0  # times the speed of the middle of a part

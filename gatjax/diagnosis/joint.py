@@ -108,6 +108,12 @@ class Joint(NamedTuple):
             return self._replace(nominal=free | observed(max(rate, OBSERVED)))
         return self._replace(nominal=free | ({"pull": rate} if rate else {}))
 
+    def without(self, runs: Sequence[int]) -> Joint:
+        """The same; some runs do not count."""
+        valid = self.valid.copy()
+        valid[list(runs)] = False
+        return self._replace(valid=valid)
+
     def residual(self, drives: list[dict[str, float]], geared: bool) -> np.ndarray:
         """Measured minus simulated at all valid rows [n, S], rad."""
         seen = self.simulate(drives, geared)

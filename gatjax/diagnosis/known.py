@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import TypeVar
 
 import numpy as np
@@ -121,13 +121,16 @@ class Known:
 
     def _draw(self, rates: dict[int, float]) -> None:
         """Draw joints to their measured motion at other rates, 1/s; 0: not at all."""
-        self.case = cases.pulled(self.case, rates)
-        healthy = list(self.case.healthy)
-        for k in rates:
-            healthy[k] = search.healthy(self.case.joints[k], healthy[k].x)
-        self.case = dataclasses.replace(self.case, healthy=healthy)
+        self._renew(cases.pulled(self.case, rates), rates)
+
+    def _renew(self, case: Case, joints: Collection[int]) -> None:
+        """Go on with a case that differs at some joints; they are fitted again."""
+        healthy = list(case.healthy)
+        for k in joints:
+            healthy[k] = search.healthy(case.joints[k], healthy[k].x)
+        self.case = dataclasses.replace(case, healthy=healthy)
         self.joints = self.altered(self.case)
-        for index, fit in zip(rates, mapped(self._again, rates), strict=True):
+        for index, fit in zip(joints, mapped(self._again, joints), strict=True):
             self.known[index] = fit
 
     def _settled(self, claim: Claim, prior: list[Fit]) -> Claim:

@@ -78,7 +78,7 @@ def told(
     return {
         "schema": SCHEMA,
         "verdict": verdict.verdict,
-        "sentence": sentence(verdict, rows),
+        "sentence": " ".join([sentence(verdict, rows), *left_aside(verdict)]),
         "causes": rows,
         "unexplained": unexplained(verdict, beside),
         "joints": joint_rows(verdict),
@@ -227,6 +227,22 @@ def calibration_rows(verdict: Verdict) -> list[dict[str, Any]]:
              "tolerance": joint.allowed.late},
         ]  # fmt: skip
     return rows
+
+
+def left_aside(verdict: Verdict) -> list[str]:
+    """A sentence for each joint of which some pieces of the logs do not count."""
+    case = verdict.judge.case
+    told = []
+    for k, runs in sorted(case.aside.items()):
+        names = ", ".join(
+            f"{case.runs[run].time[0]:.0f} to {case.runs[run].time[-1]:.0f} s"
+            for run in sorted(runs)
+        )
+        told.append(
+            f"Of {case.joints[k].name} {len(runs)} of {len(case.runs)} pieces ({names} "
+            f"of a log) do not count, since nothing explains them."
+        )
+    return told
 
 
 def sentence(verdict: Verdict, rows: list[dict[str, Any]]) -> str:

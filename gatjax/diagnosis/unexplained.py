@@ -96,6 +96,8 @@ def _series(
     ):
         time = run.time - run.time[0]
         valid = joint.valid[number, : len(time)]
+        if not valid.any():
+            continue  # left aside
         rest = fit.residual[start : start + valid.sum()]
         start += len(rest)
         found = smoothed(run, np.interp(time, time[valid], rest)[:, None], time)

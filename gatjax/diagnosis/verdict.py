@@ -71,7 +71,7 @@ def conclude(judge: Judge) -> Verdict:
         return verdict
     other = decide(judge)
     better = other.judge.evidence() - verdict.judge.evidence() > LATER
-    drawn = len(other.judge.case.pulled) > len(verdict.judge.case.pulled)
+    drawn = other.judge.case.eased > verdict.judge.case.eased
     return other if other.causes and better and not drawn else verdict
 
 
@@ -188,7 +188,7 @@ def _instead(
     others = [claim for claim in claims if not _same(claim, tried, name)]
     couple = pairs.couple(prior, others, min(bad or last))
     trial, both = _both(prior, couple) if couple else (judge, [])
-    drawn = len(trial.case.pulled) > len(judge.case.pulled)
+    drawn = trial.case.eased > judge.case.eased
     fits = both and not drawn and all(adequate(trial, k) for k in last)
     good = bad or trial.evidence() > judge.evidence() - LATER
     if fits and good and min(cause.probability for cause in both) > LIKELY:
@@ -252,7 +252,7 @@ def _exchanged(
     if best is not None:
         other = _weighed(fresh, best, claims)
         least, found = CLOSE, [kept, other._replace(claim=fresh.accept(best))]
-    freed = len(judge.case.pulled) - len(fresh.case.pulled)  # drawn ones look better
+    freed = judge.case.eased - fresh.case.eased
     better = fresh.evidence() - judge.evidence() > least
     return (fresh, found) if freed > 0 or (freed == 0 and better) else (judge, causes)
 

@@ -13,6 +13,7 @@ ENGINE = {
     "everywhere": ("look for causes of the whole robot", 0.3, 0.5),
     "causes": ("weigh causes", 0.3, 0.6),
     "losses": ("look for lost commands", 0.3, 0.6),
+    "aside": ("weigh causes without what nothing explains", 0.3, 0.6),
     "astray": ("weigh causes of joints that go astray", 0.3, 0.6),
     "floor": ("weigh causes of floor and feet", 0.6, 0.7),
     "extend": ("extend the model", 0.7, 0.72),
