@@ -239,8 +239,8 @@ def left_aside(verdict: Verdict) -> list[str]:
             for run in sorted(runs)
         )
         told.append(
-            f"Of {case.joints[k].name} {len(runs)} of {len(case.runs)} pieces ({names} "
-            f"of a log) do not count, since nothing explains them."
+            f"At {case.joints[k].name} {len(runs)} of {len(case.runs)} pieces do not "
+            f"count, since nothing explains them: {names} of a log."
         )
     return told
 
