@@ -69,7 +69,7 @@ def test_runs_that_are_shorter_than_a_piece_stay_whole():
 
 
 def test_the_user_is_told():
-    told = shortened([log(400.0)], 8)
+    told = shortened([log(400.0)], 20)
     assert "400 s" in told and "60 s of them" in told and "\n" not in told
 
 

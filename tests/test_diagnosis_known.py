@@ -23,6 +23,7 @@ class Arm(Known):
         self.joints = [SimpleNamespace(noise=NOISE, carries=None) for _ in range(3)]
         self.case = SimpleNamespace(
             pulled=dict.fromkeys(pulled, 10.0),
+            aside={},
             bearers=lambda body: [0, body] if body else [0],
         )
         self.known, self.found, self.accepted = [fit(1.0)] * 3, {}, []
@@ -33,7 +34,7 @@ class Arm(Known):
 
     def _draw(self, rates):
         pulled = {k: rate for k, rate in (self.case.pulled | rates).items() if rate}
-        self.case = SimpleNamespace(pulled=pulled, bearers=self.case.bearers)
+        self.case = SimpleNamespace(pulled=pulled, aside={}, bearers=self.case.bearers)
         self.joints = self.altered(self.case)
         free = {k: self.astray for k in rates if k not in pulled}
         self.known = [fit(free.get(k, 1.0)) for k in range(3)]

@@ -39,7 +39,7 @@ class Scripted(Judge):
 
     def __init__(self, script, right, names=()):
         self.script, self.right, self.names = script, right, list(names)
-        self.case = SimpleNamespace(pulled={})
+        self.case = SimpleNamespace(pulled={}, aside={})
         self.joints, self.accepted = [None], [claim(name) for name in names]
         self.known = [fit(1.0)]
 

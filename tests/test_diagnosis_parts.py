@@ -334,14 +334,14 @@ def test_losses_on_the_way_do_not_depend_on_the_motion():
     rng = np.random.default_rng(2)
     fast, slow = (np.sin(np.arange(400) * each) for each in (0.3, 0.05))
     even = [
-        drops.chance([bursts(0.2, rng), bursts(0.2, rng)], [fast, slow], 1e-3)
+        drops.evenly([bursts(0.2, rng), bursts(0.2, rng)], [fast, slow], 1e-3)
         for _ in range(100)
     ]
     assert np.mean(np.array(even) < 0.05) < 0.12
     assert min(even) > drops.UNLIKELY
-    apart = drops.chance([bursts(0.4, rng), bursts(1e-9, rng)], [fast, slow], 1e-3)
+    apart = drops.evenly([bursts(0.4, rng), bursts(1e-9, rng)], [fast, slow], 1e-3)
     assert apart < drops.UNLIKELY
-    assert drops.chance([bursts(0.4, rng)] * 2, [fast, 0.0 * slow], 1e-3) == 1.0
+    assert drops.evenly([bursts(0.4, rng)] * 2, [fast, 0.0 * slow], 1e-3) == 1.0
 
 
 def test_a_command_that_never_moves_loses_nothing():

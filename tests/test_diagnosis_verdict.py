@@ -29,7 +29,7 @@ class Told(Judge):
 
     def __init__(self, evidence, found=(), pulled=()):
         self.told, self.found, self.names = evidence, list(found), []
-        self.case = SimpleNamespace(pulled=dict.fromkeys(pulled, 10.0))
+        self.case = SimpleNamespace(pulled=dict.fromkeys(pulled, 10.0), aside={})
         self.joints, self.accepted = [None], []
 
     def accept(self, claim):

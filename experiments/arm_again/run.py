@@ -50,16 +50,19 @@ def results(told: dict[str, Any]) -> dict[str, Any]:
     return {
         "arm": {
             "verdict": told["verdict"],
+            "named": [_named(row) for row in told["causes"]],
             "causes": {
-                row["cause"]: {
-                    "where": row["where"],
-                    **{k: v["value"] for k, v in row["parameters"].items()},
-                }
+                _named(row): {k: v["value"] for k, v in row["parameters"].items()}
                 for row in told["causes"]
             },
             "gain": told["gain"],
         }
     }
+
+
+def _named(row: dict[str, Any]) -> str:
+    """A cause and where it is."""
+    return f"{row['cause']} at {', '.join(row['where'])}"
 
 
 def main() -> None:

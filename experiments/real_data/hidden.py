@@ -2,7 +2,8 @@
 
 A robot is diagnosed on some of its logs until nothing new is named; the simulation
 that this gives is then told one thing wrong (a mass, a gain, shifted stamps, ...), or
-nothing, and diagnosed on other logs. Right is who names that one thing first.
+nothing, and diagnosed on other logs. Right is who names that one thing: first on a
+robot of one joint, among others on an arm.
 """
 
 from __future__ import annotations
@@ -72,9 +73,10 @@ def right(lie: Lie | None, said: dict[str, Any]) -> bool:
     alone, servoed = len(said["joints"]) == 1, said["command_unit"] == "rad"
     turned = alone and not (servoed and lie.cause == "encoder_offset")
     classes = (*ALIASES, ONE_JOINT) if turned else ALIASES
+    everywhere = [["all"]] if alone else []
     same = next((each for each in classes if lie.cause in each), {lie.cause})
     return any(
-        row["cause"] in same and row["where"] in ([lie.joint], ["all"])
+        row["cause"] in same and row["where"] in ([lie.joint], *everywhere)
         for row in (named[:1] if alone else named)
     )
 

@@ -100,12 +100,13 @@ def compared(out: Path) -> dict[str, Any]:
         )
     }  # fmt: skip
     forward = measure.learn(seen, 0)
-    played = {name: measure.whole_log(each, unseen) for name, each in worlds.items()}
-    draw(_panels(unseen, played, joints), 3, out / "so101.png")
-    played["learned"] = measure.learned_log(forward, unseen)
+    begun = [run._replace(within=True) for run in unseen]  # where the arm was seen
+    played = {name: measure.whole_log(each, begun) for name, each in worlds.items()}
+    draw(_panels(begun, played, joints), 3, out / "so101.png")
+    played["learned"] = measure.learned_log(forward, begun)
     errors = {
         "half_second": _ahead(worlds, forward, unseen, period),
-        "whole_log": measure.log_errors(unseen, played),
+        "whole_log": measure.log_errors(begun, played),
     }
     told = {
         horizon: {name: float(np.sqrt(e.squared.mean())) for name, e in each.items()}

@@ -133,11 +133,6 @@ class Case:
         pairs = zip(self.joints, self.healthy, strict=True)
         return sum(evidence(joint, fit) for joint, fit in pairs)
 
-    @property
-    def eased(self) -> int:
-        """In how many ways joints look better than they are."""
-        return len(self.pulled) + sum(map(len, self.aside.values()))
-
     def commands(self, joint: int) -> list[np.ndarray]:
         """Commands of a joint, per run [N] rad."""
         return [run.command[:, joint] for run in self.runs]
@@ -290,10 +285,8 @@ def pulled(case: Case, drawn: dict[int, float]) -> Case:
 
 
 def left_aside(case: Case, runs: dict[int, tuple[int, ...]]) -> Case:
-    """The same case with more runs of some joints left aside; joints it lacks stay."""
-    every = case.aside | {
-        k: (*case.aside.get(k, ()), *some) for k, some in runs.items()
-    }
+    """The same case with these runs of some joints left aside; other joints stay."""
+    every = {k: some for k, some in (case.aside | runs).items() if some}
     ready = [joint.without(every.get(joint.index, ())) for joint in case.joints]
     return dataclasses.replace(case, joints=ready, aside=every)
 

@@ -289,7 +289,10 @@ def _extended(
         for some in ((extend.neutral(rows), rows) if rows else ([],))
     ]
     told = _predicted(data, tried)
-    pair = {str(k): each.angles()[0] for k, each in enumerate(told)}
+    pair = {
+        str(k): _counted(verdict, data.logs, each.angles()[0])
+        for k, each in enumerate(told)
+    }
     lost = [sum(np.isnan(angles).sum() for angles in fit) for fit in pair.values()]
     errors = measure.log_errors(data.logs, pair)
     size = [error.squared.sum() for error in errors.values()]
@@ -297,6 +300,17 @@ def _extended(
     if best == 0 and rows:
         return extend.extended(verdict, start, []), told[0], None
     return tried[best], told[best], told[0] if best and verdict.causes else None
+
+
+def _counted(
+    verdict: Verdict, logs: list[JointRun], angles: list[np.ndarray]
+) -> list[np.ndarray]:
+    """Predictions [N, J] of runs, as measured where a joint's run is left aside."""
+    out = [each.copy() for each in angles]
+    for joint, runs in verdict.judge.case.aside.items():
+        for run in runs:
+            out[run][:, joint] = logs[run].angle[:, joint]
+    return out
 
 
 def _predicted(data: Given, worlds: Sequence[World]) -> list[Predicted]:

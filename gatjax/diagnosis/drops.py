@@ -35,6 +35,7 @@ SCOUTS, SPREAD = 6, 1.5  # starts beside the nominal one; tolerances of theirs
 SCOUTING, FOLLOWED = 3, 2  # rounds of a scout; the best that are followed
 SELECTIVE = 3.0  # deviations: small changes are lost more often than by chance
 SHOWN = 4.0  # times the noise: a change that cannot be overlooked
+EXPECTED = 5.0  # losses of a run at least, for the chi-square test (Cochran 1954)
 UNLIKELY = 1e-3  # probability of losses that differ so much from run to run
 LONG = 4  # ticks of a burst that may be a loss of power instead
 
@@ -88,13 +89,14 @@ def selective(lost: Sequence[np.ndarray], commands: Sequence[np.ndarray]) -> flo
     return apart / float(np.sqrt(max(spread, 1e-12)))
 
 
-def chance(
+def evenly(
     lost: Sequence[np.ndarray], commands: Sequence[np.ndarray], noise: float
 ) -> float:
-    """Probability that losses which come as evenly differ so much from run to run.
+    """Probability that losses on the way differ as much from run to run as these.
 
-    What a fast motion alone loses, no line has lost. Changes that show in the readings
-    count (chi-square test of their shares; a burst is one event).
+    What a fast motion alone loses was not lost on the way. Changes that show in the
+    readings count (chi-square test of their shares; a burst is one event), and runs of
+    which the test holds, in which so many are expected.
 
     Args:
         lost: decoded masks of each run [N].
@@ -103,10 +105,12 @@ def chance(
     """
     shows = [np.abs(np.diff(command)) > SHOWN * noise for command in commands]
     gone = [mask[1:][rows] for mask, rows in zip(lost, shows, strict=True)]
-    counts = np.array([len(each) for each in gone if len(each)])
-    if len(counts) < 2:
+    counts, hits = (np.array([f(each) for each in gone]) for f in (len, np.sum))
+    mean = float(hits.sum() / max(counts.sum(), 1))
+    kept = counts * mean >= EXPECTED
+    if kept.sum() < 2:
         return 1.0
-    shares = np.array([each.mean() for each in gone if len(each)])
+    counts, shares = counts[kept], hits[kept] / counts[kept]
     mean = float(counts @ shares / counts.sum())
     spread = mean * (1.0 - mean) * statistics(lost, commands)["burst"]
     apart = float(counts @ np.square(shares - mean)) / max(spread, 1e-12)

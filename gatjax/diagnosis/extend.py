@@ -139,7 +139,7 @@ def calibration(verdict: Verdict) -> list[Row]:
             sooner = name == "delay" and value < 0.0
             unheard = name == "zero_in" and not joint.servoed
             boundless = name == "limit" and not joint.limited
-            idle = sooner or unheard or boundless or _told(joint, fit, name)
+            idle = sooner or unheard or boundless or set_by_cause(joint, fit, name)
             if (small and abs(x[name]) < LEAST) or idle:
                 continue
             values = {CATALOGUE[cause].main.name: float(value)} | more
@@ -151,7 +151,7 @@ def calibration(verdict: Verdict) -> list[Row]:
     return sorted(rows, key=lambda row: (row["cause"], len(row["values"])))
 
 
-def _told(joint: Joint, fit: Fit, name: str) -> bool:
+def set_by_cause(joint: Joint, fit: Fit, name: str) -> bool:
     """Whether a named cause sets the number that a tolerance is about."""
     without = fit.x.copy()
     without[TOLERANCES.index(name)] = 0.0

@@ -75,6 +75,7 @@ class Joint(NamedTuple):
     link: Link = Link(1.0, np.zeros(3), np.eye(3)[0])
     limited: bool = True  # whether the model says what torque it has
     assumed: Assumed = NOTHING
+    whole: np.ndarray | None = None  # [R, N] `valid` with the runs that are left aside
 
     @property
     def servoed(self) -> bool:
@@ -109,10 +110,11 @@ class Joint(NamedTuple):
         return self._replace(nominal=free | ({"pull": rate} if rate else {}))
 
     def without(self, runs: Sequence[int]) -> Joint:
-        """The same; some runs do not count."""
-        valid = self.valid.copy()
+        """The same; these runs do not count, and all others do."""
+        whole = self.valid if self.whole is None else self.whole
+        valid = whole.copy()
         valid[list(runs)] = False
-        return self._replace(valid=valid)
+        return self._replace(valid=valid, whole=whole)
 
     def residual(self, drives: list[dict[str, float]], geared: bool) -> np.ndarray:
         """Measured minus simulated at all valid rows [n, S], rad."""

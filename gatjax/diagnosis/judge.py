@@ -31,7 +31,6 @@ from gatjax.diagnosis.known import ASTRAY, Known, astray
 
 NOISY = 1.7  # times the noise that the best cause leaves: commands may be lost
 STRAYING = 0.3  # of the residual before, that it leaves at least
-STRAY, FEW = 2.5, 0.2  # times the middle piece's misfit; share of pieces left aside
 MOST = 4  # shared causes that are looked into
 BODIES = 2  # bodies that are looked into closely
 RIVAL = 0.4  # of the best gain at a joint: a body cause must come that near
@@ -93,7 +92,9 @@ class Judge(Known):
         self.found |= dict(zip(missing, fits, strict=True))
         lost = self._lost(missing)
         solved = {k for claim in lost for k in claim.fits}
-        self._leave_aside([k for k in missing if k not in solved])
+        if fewer := self._leave_aside([k for k in missing if k not in solved]):
+            lost = self._lost(fewer)
+            solved = {k for claim in lost for k in claim.fits}
         for rate in cases.PULLS:
             astray = [k for k in missing if self._misses(k, rate) and k not in solved]
             self._pull(astray, rate)
@@ -117,34 +118,16 @@ class Judge(Known):
         drawn = 0.0 if self.joints[index].servoed else OBSERVED
         return missed and self.case.pulled.get(index, drawn) < rate
 
-    def _leave_aside(self, joints: list[int]) -> None:
-        """Look at joints again without the pieces of a log that nothing explains."""
-        strays = {k: self._strays(k) for k in joints}
-        strays = {k: runs for k, runs in strays.items() if runs}
-        if not strays:
-            return
-        self._renew(cases.left_aside(self.case, strays), strays)
-        found = mapped(self.explained, strays, lambda share: self.tell("aside", share))
-        self.found |= dict(zip(strays, found, strict=True))
-
-    def _strays(self, index: int) -> tuple[int, ...]:
-        """The pieces that even the best explanation of a joint misses, if few are.
-
-        Such as a chirp's fastest end, where a drive does what no law of the bank tells.
-        """
-        joint, best = self.joints[index], self._best(index)
-        if not all(run.within for run in self.case.runs):
-            return ()
-        counts = joint.valid.sum(1)
-        parts = np.split(np.square(best.residual), np.cumsum(counts)[:-1])
-        left = {
-            run: float(np.sqrt(part.mean()))
-            for run, part in enumerate(parts) if len(part)
-        }  # fmt: skip
-        middle, worst = float(np.median([*left.values()])), max(left.values())
-        least = max(STRAY * middle, ASTRAY * joint.noise, worst / 2.0)
-        strays = tuple(run for run, rms in left.items() if rms > least)
-        return strays if len(strays) <= FEW * len(left) else ()
+    def _leave_aside(self, joints: list[int]) -> list[int]:
+        """Look at joints again without pieces that nothing explains; those that had."""
+        strays = {k: self.strays(k, self._best(k)) for k in joints}
+        aside = self.case.aside
+        strays = {k: runs for k, runs in strays.items() if runs != aside.get(k, ())}
+        if strays:
+            self._renew(cases.left_aside(self.case, strays), strays)
+            found = mapped(self.explained, strays, lambda s: self.tell("aside", s))
+            self.found |= dict(zip(strays, found, strict=True))
+        return [*strays]
 
     def _best(self, index: int) -> Fit:
         """The best explanation of a joint."""
@@ -379,8 +362,10 @@ class Judge(Known):
             assert owner is not None
             return Claim(owner.newest, np.zeros(0), (index,), {index: found.fit}, gain)
 
-        even = drops.chance(loss.lost, commands, joint.noise) > drops.UNLIKELY
-        random = even and drops.selective(loss.lost, commands) < drops.SELECTIVE
+        heard = np.flatnonzero(joint.valid.any(1))  # not left aside
+        told = [loss.lost[run] for run in heard], [commands[run] for run in heard]
+        even = drops.evenly(*told, joint.noise) > drops.UNLIKELY
+        random = even and drops.selective(*told) < drops.SELECTIVE
         right = [
             claim(found)._replace(lost={index: loss.lost} if found is loss else None)
             for found in (loss if random else None, outage)

@@ -21,6 +21,7 @@ from gatjax.diagnosis.joint import Joint
 ASTRAY = 3.5  # times the noise that the best explanation leaves: look again
 PARTED = 1.7  # the same with a gap, which parts any two runs
 GAP = "backlash"
+STRAY, FEW = 2.5, 0.2  # times the middle piece's misfit; share of pieces left aside
 CHANGED = 3.0  # nats: a joint whose evidence changed less keeps its fits
 ODD = 2.0  # times what the next worst of them leaves, that this one leaves
 SETTLING = 3  # iterations in which joints settle on a value
@@ -84,6 +85,7 @@ class Known:
             free = self._settled(claim, prior)
         claim = free
         self._let_go()
+        self._count_again(claim.fits)
         for index, old in enumerate(before):
             moved = abs(self._evidence(index) - old) > CHANGED
             if moved or index in claim.fits:
@@ -118,6 +120,37 @@ class Known:
         self._draw(dict.fromkeys(idle, 0.0))
         left = {k: self.known[k].rms() / self.joints[k].noise for k in idle}
         self._draw({k: rate for k, rate in idle.items() if left[k] > ASTRAY})
+
+    def _count_again(self, joints: Collection[int]) -> None:
+        """Count pieces of joints that were left aside, but for those still astray."""
+        back: dict[int, tuple[int, ...]] = {
+            k: () for k in joints if self.case.aside.get(k)
+        }
+        if not back:
+            return
+        self._renew(cases.left_aside(self.case, back), back)
+        strays = {k: self.strays(k, self.known[k]) for k in back}
+        self._renew(cases.left_aside(self.case, strays), strays)
+
+    def strays(self, index: int, best: Fit) -> tuple[int, ...]:
+        """The pieces of logs that a joint's best explanation misses, if they are few.
+
+        Such as a chirp's fastest end, where a drive does what no law of the bank tells.
+        Those that are left aside already stay so.
+        """
+        joint, gone = self.joints[index], self.case.aside.get(index, ())
+        if not all(run.within for run in self.case.runs):
+            return ()
+        counts = joint.valid.sum(1)
+        parts = np.split(np.square(best.residual), np.cumsum(counts)[:-1])
+        left = {
+            run: float(np.sqrt(part.mean()))
+            for run, part in enumerate(parts) if len(part)
+        }  # fmt: skip
+        middle, worst = float(np.median([*left.values()])), max(left.values())
+        least = max(STRAY * middle, ASTRAY * joint.noise, worst / 2.0)
+        every = (*gone, *(run for run, rms in left.items() if rms > least))
+        return every if len(every) <= FEW * (len(gone) + len(left)) else gone
 
     def _draw(self, rates: dict[int, float]) -> None:
         """Draw joints to their measured motion at other rates, 1/s; 0: not at all."""

@@ -78,7 +78,8 @@ def told(
     return {
         "schema": SCHEMA,
         "verdict": verdict.verdict,
-        "sentence": " ".join([sentence(verdict, rows), *left_aside(verdict)]),
+        "sentence": "; ".join([sentence(verdict, rows)[:-1], *left_aside(verdict)])
+        + ".",
         "causes": rows,
         "unexplained": unexplained(verdict, beside),
         "joints": joint_rows(verdict),
@@ -209,10 +210,11 @@ def calibration_rows(verdict: Verdict) -> list[dict[str, Any]]:
         for name, unit in {"kp": gain, **NUMBERS}.items():
             if name == "limit" and not joint.limited:
                 continue  # the model gives none
-            share = getattr(joint.allowed, name)
+            share, own = getattr(joint.allowed, name), joint.nominal[name]
+            fitted = own if extend.set_by_cause(joint, fit, name) else drive[name]
             rows.append(
                 {"parameter": name, "where": joint.name, "unit": unit,
-                 "nominal": joint.nominal[name], "fitted": drive[name],
+                 "nominal": own, "fitted": fitted,
                  "tolerance": share * joint.nominal[name]}
             )  # fmt: skip
         for name in ZEROS if joint.servoed else ("zero_out",):
@@ -230,7 +232,7 @@ def calibration_rows(verdict: Verdict) -> list[dict[str, Any]]:
 
 
 def left_aside(verdict: Verdict) -> list[str]:
-    """A sentence for each joint of which some pieces of the logs do not count."""
+    """Some words for each joint of which some pieces of the logs do not count."""
     case = verdict.judge.case
     told = []
     for k, runs in sorted(case.aside.items()):
@@ -239,8 +241,8 @@ def left_aside(verdict: Verdict) -> list[str]:
             for run in sorted(runs)
         )
         told.append(
-            f"At {case.joints[k].name} {len(runs)} of {len(case.runs)} pieces do not "
-            f"count, since nothing explains them: {names} of a log."
+            f"at {case.joints[k].name} {len(runs)} of {len(case.runs)} pieces do not "
+            f"count, since nothing explains them: {names} of a log"
         )
     return told
 

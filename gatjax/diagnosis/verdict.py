@@ -71,7 +71,8 @@ def conclude(judge: Judge) -> Verdict:
         return verdict
     other = decide(judge)
     better = other.judge.evidence() - verdict.judge.evidence() > LATER
-    drawn = other.judge.case.eased > verdict.judge.case.eased
+    better &= other.judge.case.aside == verdict.judge.case.aside  # else of other rows
+    drawn = len(other.judge.case.pulled) > len(verdict.judge.case.pulled)
     return other if other.causes and better and not drawn else verdict
 
 
@@ -118,6 +119,8 @@ def decide(judge: Judge) -> Verdict:
     left = [k for k in range(len(judge.joints)) if not adequate(judge, k)]
     if law is not None:
         left = sorted({*left, *law.where})
+    if not causes:  # what was left aside is no agreement
+        left = sorted({*left, *judge.case.aside})
     causes = [cause._replace(claim=judge.current(cause.claim)) for cause in causes]
     return Verdict(word(causes, left), causes, left, law, claims, judge)
 
@@ -188,9 +191,10 @@ def _instead(
     others = [claim for claim in claims if not _same(claim, tried, name)]
     couple = pairs.couple(prior, others, min(bad or last))
     trial, both = _both(prior, couple) if couple else (judge, [])
-    drawn = trial.case.eased > judge.case.eased
+    drawn = len(trial.case.pulled) > len(judge.case.pulled)
     fits = both and not drawn and all(adequate(trial, k) for k in last)
-    good = bad or trial.evidence() > judge.evidence() - LATER
+    same = trial.case.aside == judge.case.aside
+    good = bad or (same and trial.evidence() > judge.evidence() - LATER)
     if fits and good and min(cause.probability for cause in both) > LIKELY:
         return trial, [*causes[:start], *both]
     return judge, causes
@@ -252,7 +256,9 @@ def _exchanged(
     if best is not None:
         other = _weighed(fresh, best, claims)
         least, found = CLOSE, [kept, other._replace(claim=fresh.accept(best))]
-    freed = judge.case.eased - fresh.case.eased
+    freed = len(judge.case.pulled) - len(fresh.case.pulled)  # drawn ones look better
+    if fresh.case.aside != judge.case.aside:
+        return judge, causes
     better = fresh.evidence() - judge.evidence() > least
     return (fresh, found) if freed > 0 or (freed == 0 and better) else (judge, causes)
 
