@@ -10,6 +10,7 @@ DIR/said/report.html; DIR/results.json is compared with expected.json.
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +56,9 @@ def results(told: dict[str, Any]) -> dict[str, Any]:
                 _named(row): {k: v["value"] for k, v in row["parameters"].items()}
                 for row in told["causes"]
             },
-            "gain": told["gain"],
+            "held_out_rmse_deg": {
+                name: math.degrees(told["gain"][name]) for name in ("before", "after")
+            },
         }
     }
 

@@ -30,11 +30,13 @@ def compare(results: dict[str, Any], file: str | Path) -> Compared:
         file: expected.json, `{"schema": "gatjax.expected/1", "figures": {...}}`.
 
     Raises:
-        ValueError: the file is of another kind.
+        ValueError: the file is of another kind, or names no figures.
     """
     expected = read_json(Path(file))
     if expected.get("schema") != SCHEMA:
         raise ValueError(f"{file}: its schema is not {SCHEMA}")
+    if not expected.get("figures"):
+        raise ValueError(f"{file}: it names no figures")
     rows, off = [], []
     for name, row in expected["figures"].items():
         part, *place = name.split(".")
