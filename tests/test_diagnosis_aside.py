@@ -63,7 +63,9 @@ def test_a_piece_that_nothing_explains_is_left_aside(runs):
     size = result.cause_row(verdict, cause, 0)["parameters"]["scale"]["value"]
     assert size == pytest.approx(0.55, rel=0.1)
     (told,) = result.left_aside(verdict)
-    assert "at arm 1 of 8 pieces" in told and "0 to 3 s of a log" in told
+    assert (
+        "at arm nothing explains 1 of 8 pieces" in told and "0 to 3 s of a log" in told
+    )
 
 
 @pytest.mark.parametrize(("within", "strays"), [(True, (3,)), (False, ())])
