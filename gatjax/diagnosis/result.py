@@ -241,8 +241,8 @@ def left_aside(verdict: Verdict) -> list[str]:
             for run in sorted(runs)
         )
         told.append(
-            f"at {case.joints[k].name} nothing explains {len(runs)} of {len(case.runs)} "
-            f"pieces, which were left aside: {names} of a log"
+            f"at {case.joints[k].name} nothing explains {len(runs)} of "
+            f"{len(case.runs)} pieces, which were left aside: {names} of a log"
         )
     return told
 
