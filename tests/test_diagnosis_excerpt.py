@@ -53,7 +53,7 @@ def test_long_logs_become_pieces_from_calm_to_lively():
         assert lasts(cut) == pytest.approx([PIECE] * len(lasts(cut)), abs=0.03)
         assert cut.time == pytest.approx(cut.columns["time"])
     middles = [first.time[first.trajectory == k].mean() for k in range(4)]
-    assert middles == pytest.approx([15.0, 45.0, 75.0, 105.0], abs=PIECE / 2.0)
+    assert middles == pytest.approx([15.0, 45.0, 75.0, 105.0], abs=0.05)
 
 
 def test_a_log_that_is_calm_but_for_a_moment_keeps_that_moment():

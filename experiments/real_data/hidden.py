@@ -81,12 +81,11 @@ def right(lie: Lie | None, said: dict[str, Any]) -> bool:
     )
 
 
-def tried(title: str, lie: Lie | None, robot: Robot, out: Path) -> dict[str, Any]:
-    """Diagnose one case; what was said of it."""
+def tried(
+    title: str, lie: Lie | None, robot: Robot, world: Path, out: Path
+) -> dict[str, Any]:
+    """Diagnose one case, beside what is known of the robot; what was said of it."""
     folder = out / robot.name / title
-    world = repeated(
-        ["--model", str(robot.model)], list(robot.first), out / robot.name / "known"
-    )[-1]
     row = {"robot": robot.name, "case": title, "truth": lie and lie.cause}
     if not (folder / "said/diagnosis.json").is_file():
         given = told(lie, robot, world, folder)
@@ -159,8 +158,10 @@ def compared(out: Path) -> dict[str, Any]:
     out.mkdir(parents=True, exist_ok=True)
     rows = []
     for robot in (*of_bam(out), *of_dfki(out), *of_so101(out)):
+        model, known = ["--model", str(robot.model)], out / robot.name / "known"
+        world = repeated(model, list(robot.first), known)[-1]
         for title, lie in robot.lies.items():
-            rows.append(tried(title, lie, robot, out))
+            rows.append(tried(title, lie, robot, world, out))
             write_json(out / "cases.json", {"cases": rows})
     lied = [row for row in rows if row["truth"]]
     true = [row for row in rows if not row["truth"]]

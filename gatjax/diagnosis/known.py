@@ -129,8 +129,9 @@ class Known:
         if not back:
             return
         self._renew(cases.left_aside(self.case, back), back)
-        strays = {k: self.strays(k, self.known[k]) for k in back}
-        self._renew(cases.left_aside(self.case, strays), strays)
+        every = {k: self.strays(k, self.known[k]) for k in back}
+        if strays := {k: runs for k, runs in every.items() if runs}:
+            self._renew(cases.left_aside(self.case, strays), strays)
 
     def strays(self, index: int, best: Fit) -> tuple[int, ...]:
         """The pieces of logs that a joint's best explanation misses, if they are few.

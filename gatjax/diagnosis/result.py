@@ -215,7 +215,7 @@ def calibration_rows(verdict: Verdict) -> list[dict[str, Any]]:
             rows.append(
                 {"parameter": name, "where": joint.name, "unit": unit,
                  "nominal": own, "fitted": fitted,
-                 "tolerance": share * joint.nominal[name]}
+                 "tolerance": share * own}
             )  # fmt: skip
         for name in ZEROS if joint.servoed else ("zero_out",):
             rows.append(

@@ -256,9 +256,9 @@ def _exchanged(
     if best is not None:
         other = _weighed(fresh, best, claims)
         least, found = CLOSE, [kept, other._replace(claim=fresh.accept(best))]
-    freed = len(judge.case.pulled) - len(fresh.case.pulled)  # drawn ones look better
     if fresh.case.aside != judge.case.aside:
-        return judge, causes
+        return judge, causes  # evidence of other rows
+    freed = len(judge.case.pulled) - len(fresh.case.pulled)  # drawn ones look better
     better = fresh.evidence() - judge.evidence() > least
     return (fresh, found) if freed > 0 or (freed == 0 and better) else (judge, causes)
 
