@@ -104,6 +104,27 @@ def test_a_step_of_the_command_is_no_ramp(tmp_path):
     assert np.sqrt(np.mean(left**2)) < 2e-3
 
 
+def test_what_begins_in_motion_counts_after_half_a_second(tmp_path):
+    """A motor's joint forgets no start by itself: it begins as it was measured."""
+    text = ARM.format(first='<motor joint="a"/>', second="")
+    for some in (' damping="0.1"', '<joint name="b" axis="0 1 0" armature="0.01"/>'):
+        text = text.replace(some, "")
+    path = tmp_path / "one.xml"
+    path.write_text(text)
+    one = nominal(Task(control_period=PERIOD), path, 5e-4)
+    torque = 0.2 * np.sin(5.5 * TIME + 1.0)[:, None]
+    run = JointRun(0, TIME, torque, 0.0 * torque)
+    run = run._replace(angle=measure.whole_log(one, [run])[0])
+    middle = run.part(np.arange(72, 230))
+    assert abs(np.diff(middle.angle[:2, 0])[0]) > 2.0 * PERIOD
+    joint = unfitted(held(one.model, [middle], 0), [middle]).joints[0]
+    counted = joint.time[0][joint.valid[0]]
+    assert counted.min() == pytest.approx(0.5, abs=0.011)
+    left = joint.residual([{"delay": 0.0}], False)
+    assert abs(left[0]) < 3e-4
+    assert np.sqrt(np.mean(left**2)) < 3e-4
+
+
 def test_a_whole_log_starts_where_the_encoder_says_what_was_measured(world):
     askew = add_cause(world, "encoder_offset", ["a"], {"offset": 0.2})
     run = swung()

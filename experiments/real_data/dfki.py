@@ -1,6 +1,7 @@
 """DFKI: a pendulum that is told its torque, with one load and with another.
 
-The swing-ups alone are used: later in these logs people push the pendulum. What the
+Swing-ups push the pendulum along all the time; people then push it down from upright,
+and on its falls the drive brakes, too: only both tell a load from friction. What the
 first two runs say of the drive is known when the third one is diagnosed.
 """
 
@@ -9,7 +10,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from logs import until
+from logs import parts, swings
 
 from gatjax.cli import main as gatjax
 from gatjax.data.recording import read_recording, write_recording
@@ -22,29 +23,29 @@ DRIVE = USUAL | {  # what the light load has told of it is sure
     "kp": 0.0, "kv": 0.0, "limit": 0.0,
     "friction": 0.0, "armature": 0.0,
 }  # fmt: skip
-LIGHT = {"energy_shaping": 4.0, "sac": 3.9}  # s, until it stands
-HEAVY = {"energy_shaping_1kg": 7.8}
+LIGHT = ("energy_shaping", "sac")
+HEAVY = ("energy_shaping_1kg",)
 
 
-def swung(ends: dict[str, float], out: Path) -> list[str]:
-    """Write the swing-ups of runs; their files."""
+def swung(names: tuple[str, ...], out: Path) -> list[str]:
+    """Write the parts of runs that nobody holds the pendulum in; their files."""
     files = []
-    for name, end in ends.items():
+    for name in names:
         log = read_recording(HERE / f"data/dfki/{name}.parquet")
         file = out / f"{name}.parquet"
-        write_recording(file, until(log, end))
+        write_recording(file, parts(log, swings(log, "motor")))
         files.append(str(file))
     return files
 
 
 def diagnosed(
-    start: list[str], ends: dict[str, float], out: Path, allowed: dict[str, Any]
+    start: list[str], names: tuple[str, ...], out: Path, allowed: dict[str, Any]
 ) -> dict[str, Any]:
     """Diagnose swing-ups from a model or a world, with tolerances that differ."""
     if not (out / "diagnosis.json").is_file():
         logs = out.parent / "logs"
         logs.mkdir(parents=True, exist_ok=True)
-        given = ["--data", *swung(ends, logs), "--out", str(out)]
+        given = ["--data", *swung(names, logs), "--out", str(out)]
         write_json(logs / f"{out.name}.json", allowed)
         given += ["--tolerances", f"{logs}/{out.name}.json"]
         if code := gatjax(["diagnose", *start, *given]):

@@ -86,8 +86,8 @@ def tilted(pitch: float) -> Callable[[Any], None]:
     return change
 
 
-def of_pendulum(joint: str, size: float) -> dict[str, Lie | None]:
-    """Lies about one joint with a pendulum; `size` N m is that of its friction."""
+def of_pendulum(joint: str, torque: float) -> dict[str, Lie | None]:
+    """Lies about one joint with a pendulum, one that it rubs by `torque` N m more."""
     lies: dict[str, Lie | None] = {
         f"offset {rad:+.2f}": Lie("encoder_offset", joint, log=read_as(joint, 1.0, rad))
         for rad in (0.1, -0.15)
@@ -98,15 +98,15 @@ def of_pendulum(joint: str, size: float) -> dict[str, Lie | None]:
         )
     for late in (0.03, 0.06):
         lies[f"delay {late}"] = Lie("command_delay", joint, log=shifted(joint, late))
-    for scale in (0.7, 1.4):
+    for scale in (0.5, 2.0):  # servos are often left at half of their usual gain
         wrong = more("gain_error", joint, scale=scale)
         lies[f"gain {scale}"] = Lie("gain_error", joint, rows=wrong)
     for kg in (0.12, 0.2):
         lies[f"lighter {kg}"] = Lie("payload", joint, spec=lighter("pendulum", kg))
     lies["nearer"] = Lie("com_shift", joint, spec=nearer("pendulum", 0.25))
     lies["tilted"] = Lie("gravity_tilt", joint, spec=tilted(0.2))
-    wrong = more("coulomb_friction", joint, torque=size)
-    lies["more friction"] = Lie("coulomb_friction", joint, rows=wrong)
+    wrong = more("coulomb_friction", joint, torque=torque)
+    lies[f"friction {torque:+.2f}"] = Lie("coulomb_friction", joint, rows=wrong)
     return lies
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from anchor import fitted
-from logs import until
+from logs import parts
 from pictures import Panel, draw
 
 from gatjax.cli import main as gatjax
@@ -52,11 +52,10 @@ def logs(names: tuple[str, ...]) -> list[Recording]:
     once while the commands go on and their torques rise, to 1.7 N m at Pitch: there is
     something in the way, which no model of the arm has. Nobody gets that part.
     """
+    every = [read_recording(HERE / f"data/so101/{name}.parquet") for name in names]
     return [
-        until(
-            read_recording(HERE / f"data/so101/{name}.parquet"), FREE.get(name, np.inf)
-        )
-        for name in names
+        parts(log, [(log.time[0], FREE.get(name, np.inf))])
+        for name, log in zip(names, every, strict=True)
     ]
 
 

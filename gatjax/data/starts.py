@@ -40,10 +40,10 @@ def underway(run: JointRun) -> np.ndarray:
     return np.where(np.abs(speed[0]) > least, speed[0], 0.0)
 
 
-def early(run: JointRun) -> np.ndarray:
+def early(run: JointRun, seconds: float = CATCH) -> np.ndarray:
     """Rows [T] bool before a simulation has made up for a wrong start."""
     since = run.time - run.time[0]
-    return since <= min(CATCH, 0.5 * since[-1])
+    return since <= min(seconds, 0.5 * since[-1])
 
 
 def check_start(

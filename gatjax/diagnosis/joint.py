@@ -27,6 +27,7 @@ GIVE = 3e-4  # rad, that dry friction yields before it slips
 GEARS = frozenset({"backlash", "joint_elasticity"})
 SLOW = frozenset({"clock_drift", "thermal_derating"})  # not to be seen in pieces
 OBSERVED = 10.0  # 1/s, how fast a joint without a servo is drawn to its measured motion
+CAUGHT = 0.5  # s until that has made up for a start that is as it was measured
 
 
 class Assumed(NamedTuple):
@@ -257,7 +258,7 @@ def build(
     total = assumed[0].supply if assumed else None
     grids = _grids(runs, moved, loads, _share(supply, total))
     at = np.stack([_padded(run.time - run.time[0], rows) for run in runs])
-    moving = [starts.underway(run) for run in runs]
+    moving = np.stack([starts.underway(run) for run in runs])
     joints = []
     for index, name in enumerate(names):
         drive = nominal_drive(model, tree, index)
@@ -269,12 +270,19 @@ def build(
             more = more._replace(barred=more.barred | SLOW)
         drive |= more.law(drive["limit"])
         grid = grids(index, drive["armature"])
+        if not drive["hold"]:
+            speed = jnp.asarray(moving[None, :, index], jnp.float32)
+            path = grid.path + jnp.minimum(grid.clock, 0.0) * speed
+            grid = grid._replace(path=path)
         seen = np.stack([_padded(run.angle[:, index], rows) for run in runs])
         valid = np.zeros(seen.shape, bool)
-        for row, run, speed in zip(valid, runs, moving, strict=True):
-            row[: len(run.time)] = _free(model, run, index)
-            if not drive["hold"] or run.within or speed[index]:
-                row[: len(run.time)] &= ~starts.early(run)
+        for row, run, fast in zip(valid, runs, moving, strict=True):
+            counted = _free(model, run, index)
+            if not drive["hold"]:
+                counted &= ~starts.early(run, CAUGHT)
+            elif run.within or fast[index]:
+                counted &= ~starts.early(run)
+            row[: len(run.time)] = counted
         body = tree.body[index]
         mass, centre = float(model.body_mass[body]), model.body_ipos[body].copy()
         link = Link(mass, centre, tree.axis[index])
