@@ -15,8 +15,8 @@ from gatjax.diagnosis.result import (
     calibration_rows,
     candidates,
     cause_rows,
-    sentence,
 )
+from gatjax.diagnosis.sentence import sentence
 from gatjax.diagnosis.verdict import Cause, Verdict
 
 FIT = Fit(
@@ -169,7 +169,7 @@ SURE, DOUBTFUL = "backlash of 0.1 rad (width) at elbow", "stiction of 0.1 rad (w
 ])  # fmt: skip
 def test_the_sentence_tells_what_held_out_logs_bear_out(rows, left, said):
     word = "unknown" if left else "ambiguous"
-    text = sentence(verdict([])._replace(verdict=word, unexplained=left), rows)
+    text = sentence(verdict([])._replace(verdict=word, unexplained=left), rows, [])
     assert said in text and text[0].isupper() and text.endswith(".")
 
 
@@ -177,7 +177,9 @@ def test_the_sentence_names_few_joints_and_claims_no_more_than_it_knows():
     many = row("backlash", True) | {
         "where": list("abcdef"), "equivalent": ["joint_elasticity"], "probability": 0.3
     }  # fmt: skip
-    text = sentence(verdict([])._replace(verdict="ambiguous", unexplained=[]), [many])
+    text = sentence(
+        verdict([])._replace(verdict="ambiguous", unexplained=[]), [many], []
+    )
     assert "may lack backlash of" in text
     assert "at a, b, c, d and others (or joint elasticity), but" in text
 
@@ -187,5 +189,5 @@ def test_the_sentence_tells_a_cause_once_with_the_sizes_it_has():
         "where": ["wrist"], "parameters": {"width": {"value": 0.03, "unit": "rad"}}
     }  # fmt: skip
     rows = [row("backlash", True), row("stiction", True), other]
-    text = sentence(verdict([])._replace(verdict="named", unexplained=[]), rows)
+    text = sentence(verdict([])._replace(verdict="named", unexplained=[]), rows, [])
     assert "lacks backlash of 0.03 to 0.1 rad (width) at elbow, wrist and sti" in text

@@ -232,7 +232,9 @@ def _told(
     )
     tell("measure", 0.6)
     beside = [{} for _ in case.runs] if data.floating else conditions(data.files.fit)
-    said = result.told(verdict, beside, seed)
+    every = data.files.fit
+    logs = [log.name for log in every for _ in np.unique(log.trajectory)]
+    said = result.told(verdict, logs, beside, seed)
     if not data.floating:
         played = {name: each.fit for name, each in pairs.items()}
         said["signals"] = signals(played, data.files.fit, data.joints)
@@ -247,7 +249,7 @@ def _told(
     tell("measure", 0.9)
     fit, unfit = ([log.name for log in logs] for logs in data.files[:2])
     name = data.model.names.split(b"\0")[0].decode()
-    first = data.files.fit[0]
+    first = every[0]
     return said | {
         "gain": gain,
         "fallback": learned,

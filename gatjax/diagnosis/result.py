@@ -10,8 +10,9 @@ from gatjax.diagnosis import extend
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.fit import LEFT
 from gatjax.diagnosis.hypotheses import COUNT, numbers
+from gatjax.diagnosis.sentence import sentence
 from gatjax.diagnosis.unexplained import explore
-from gatjax.diagnosis.verdict import CERTAIN, Cause, Verdict
+from gatjax.diagnosis.verdict import Cause, Verdict
 from gatjax.effects.catalogue import CATALOGUE
 
 SCHEMA = "gatjax.diagnosis/1"
@@ -65,24 +66,25 @@ def interval(verdict: Verdict, claim: Claim, seed: int) -> dict[str, dict[str, A
 
 
 def told(
-    verdict: Verdict, beside: list[dict[str, np.ndarray]], seed: int
+    verdict: Verdict, logs: list[str], beside: list[dict[str, np.ndarray]], seed: int
 ) -> dict[str, Any]:
     """What diagnosis.json says of a verdict.
 
     Args:
         verdict: of the diagnosis.
+        logs: name of the log of each run.
         beside: `unexplained.conditions` of the recordings that were explained.
         seed: of the intervals.
     """
-    rows = cause_rows(verdict, seed)
+    rows, aside = cause_rows(verdict, seed), left_aside(verdict, logs)
     return {
         "schema": SCHEMA,
         "verdict": verdict.verdict,
-        "sentence": "; ".join([sentence(verdict, rows)[:-1], *left_aside(verdict)])
-        + ".",
+        "sentence": sentence(verdict, rows, aside),
         "causes": rows,
         "unexplained": unexplained(verdict, beside),
         "joints": joint_rows(verdict),
+        "left_aside": aside,
         "signals": verdict.judge.signals(),
         "calibration": calibration_rows(verdict),
         "candidates": candidates(verdict),
@@ -231,60 +233,15 @@ def calibration_rows(verdict: Verdict) -> list[dict[str, Any]]:
     return rows
 
 
-def left_aside(verdict: Verdict) -> list[str]:
-    """Some words for each joint of which some pieces of the logs do not count."""
+def left_aside(verdict: Verdict, logs: list[str]) -> list[dict[str, Any]]:
+    """Pieces of the logs that do not count at a joint, for nothing explains them."""
     case = verdict.judge.case
-    told = []
-    for k, runs in sorted(case.aside.items()):
-        names = ", ".join(
-            f"{case.runs[run].time[0]:.0f} to {case.runs[run].time[-1]:.0f} s"
-            for run in sorted(runs)
-        )
-        told.append(
-            f"at {case.joints[k].name} nothing explains {len(runs)} of "
-            f"{len(case.runs)} pieces, which were left aside: {names} of a log"
-        )
-    return told
-
-
-def sentence(verdict: Verdict, rows: list[dict[str, Any]]) -> str:
-    """The verdict in one sentence a person understands."""
-    fits = [row for row in rows if row["borne_out"] is not False]
-    sure, likely, doubtful = (
-        " and ".join(map(_phrase, _alike(some)))
-        for some in (
-            [row for row in fits if row["probability"] >= CERTAIN],
-            [row for row in fits if row["probability"] < CERTAIN],
-            [row for row in rows if row["borne_out"] is False],
-        )
-    )
-    every = " and ".join(part for part in (sure, likely, doubtful) if part)
-    names = [verdict.judge.joints[k].name for k in verdict.unexplained]
-    left = ", ".join(names[:4]) + (" and others" if len(names) > 4 else "")
-    if not (rows or names):
-        return (
-            "The simulation agrees with the logs within its tolerances, as far as "
-            "these motions show it."
-        )
-    if verdict.verdict == "named" and not names:
-        return f"The simulation lacks {every}."
-    if not names:
-        doubt = "the logs leave a doubt"
-        if doubtful:
-            doubt = f"the held-out logs do not bear out {doubtful}"
-        probable = all(row["probability"] > 0.5 for row in rows)
-        lacks = "most likely lacks" if probable else "may lack"
-        return f"The simulation {lacks} {every}, but {doubt}."
-    parts = [f"the simulation lacks {sure}"] if sure else []
-    if likely:
-        parts.append(f"{'it' if sure else 'the simulation'} may lack {likely}")
-    if doubtful:
-        parts.append(f"{doubtful} would fit, but does not predict the held-out logs")
-    text = f"something at {left} is wrong that no cause of the catalogue explains"
-    if verdict.law is not None:
-        text += f"; it looks like {verdict.law.hypothesis.variant}"
-    whole = "; ".join([*parts, f"besides, {text}" if sure or likely else text])
-    return f"{whole[0].upper()}{whole[1:]}."
+    return [
+        {"joint": case.joints[k].name, "log": logs[run],
+         "from": float(case.runs[run].time[0]), "to": float(case.runs[run].time[-1])}
+        for k, runs in sorted(case.aside.items())
+        for run in sorted(runs)
+    ]  # fmt: skip
 
 
 def unexplained(
@@ -309,29 +266,3 @@ def unexplained(
         told = ", ".join(f"{name} {value:.3g}" for name, value in values.items())
         found["law"] = f"{verdict.law.hypothesis.variant} ({told})"
     return {"significant": bool(names), "share": float(share), "where": names, **found}
-
-
-def _alike(rows: list[dict[str, Any]]) -> list[list[dict[str, Any]]]:
-    """Rows in groups that one phrase tells: a cause with its values at some joints."""
-    groups: dict[tuple, list[dict[str, Any]]] = {}
-    for row in rows:
-        key = row["cause"], row["variant"], tuple(row["equivalent"])
-        groups.setdefault(key, []).append(row)
-    return list(groups.values())
-
-
-def _phrase(rows: list[dict[str, Any]]) -> str:
-    """A cause in words: name, sizes, places, alternatives."""
-    row = rows[0]
-    name, value = next(iter(row["parameters"].items()))
-    sizes = sorted(each["parameters"][name]["value"] for each in rows)
-    places = [place for each in rows for place in each["where"]]
-    where = ", ".join(places[:4]) + (" and others" if places[4:] else "")
-    where = "all joints" if where == "all" else where
-    unit = "" if value["unit"] == "1" else f" {value['unit']}"
-    alike = " or ".join(row["equivalent"]).replace("_", " ")
-    other = f" (or {alike})" if alike else ""
-    words = row["cause"].replace("_", " ")
-    size = " to ".join(dict.fromkeys(f"{one:.3g}" for one in (sizes[0], sizes[-1])))
-    size += unit + ("" if name in words else f" ({name})")
-    return f"{words} of {size} at {where}{other}"
