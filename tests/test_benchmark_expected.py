@@ -33,7 +33,7 @@ def test_what_is_no_number_has_to_be_the_same(file):
     assert "| backlash, tilt |" in other.table and "| off |" in other.table
 
 
-def test_a_figure_that_lacks_is_off_and_a_part_that_was_not_run_is_left_out(file):
+def test_a_figure_that_lacks_is_off_and_a_part_that_was_not_run_is_said_so(file):
     told = compare(
         RESULTS,
         file(
@@ -43,7 +43,9 @@ def test_a_figure_that_lacks_is_off_and_a_part_that_was_not_run_is_left_out(file
         ),
     )
     assert told.off == ["axis.test_mm", "arm.gone"]
-    assert "5.1 ± 1" in told.table and "leg" not in told.table
+    assert "5.1 ± 1" in told.table
+    (row,) = [line for line in told.table.splitlines() if "leg.error" in line]
+    assert "not run" in row and "off" not in row
 
 
 def test_another_file_is_refused(tmp_path):

@@ -63,9 +63,18 @@ def test_a_log_that_is_calm_but_for_a_moment_keeps_that_moment():
     assert np.ptp(cut.columns["position.a"]) > 1.5
 
 
-def test_runs_that_are_shorter_than_a_piece_stay_whole():
-    (cut,) = excerpt([log(*[5.0] * 80)], 20)
-    assert lasts(cut) == pytest.approx([5.0] * 80, abs=0.03)
+def test_of_many_short_runs_every_so_many_th_is_taken_whole():
+    every = log(*[5.0] * 80)
+    numbered = every._replace(columns={"position.a": 0.0 + every.trajectory})
+    (cut,) = excerpt([numbered], 20)
+    assert lasts(cut) == pytest.approx([5.0] * 10, abs=0.03)
+    taken = np.unique(cut.columns["position.a"])
+    assert np.diff(taken) == pytest.approx([8.0] * 9)
+
+
+def test_a_log_of_which_nothing_is_taken_is_left_out():
+    short = [log(5.0) for _ in range(80)]
+    assert len(excerpt(short, 20)) == 10
 
 
 def test_the_user_is_told():

@@ -3,8 +3,8 @@
 The diagnosis sees the estimation record alone and names what the published model lacks.
 That law is then fitted to the record in open loop, beside a force that fades: what
 the named cause leaves differs from one of the record's four equal rounds to the next.
-The test record is read once, after all this, and its result kept: run.py shows it again
-and never computes it anew. Radians and N m of the model are metres and newtons.
+The test record was read for the first time after all this was chosen; nothing changed
+since (a new DIR computes the same again). Radians and N m are metres and newtons.
 
 Data and parameters: Janot, Gautier, Brunot, 2019 Workshop on Nonlinear System
 Identification Benchmarks. They come without a licence, so the project does not carry

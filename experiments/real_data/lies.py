@@ -87,7 +87,7 @@ def tilted(pitch: float) -> Callable[[Any], None]:
 
 
 def of_pendulum(joint: str, torque: float) -> dict[str, Lie | None]:
-    """Lies about one joint with a pendulum, one that it rubs by `torque` N m more."""
+    """Lies about one joint with a pendulum; one has `torque` N m more friction."""
     lies: dict[str, Lie | None] = {
         f"offset {rad:+.2f}": Lie("encoder_offset", joint, log=read_as(joint, 1.0, rad))
         for rad in (0.1, -0.15)

@@ -1,7 +1,8 @@
 """SO-101: six joints, four motions that nothing was fitted to, and `mujoco.sysid`.
 
 Fitted to chirps, steps, slow and mixed motions; compared half a second ahead and over
-whole logs of the rest, beside the model that GAT learns from the same fit data.
+whole logs of four others, beside the model that GAT learns from the same fit data. Two
+more of its motions are in data/ for whoever wants them, and unused here.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ def compare(results: dict[str, Any], file: str | Path) -> Compared:
 
     Figures are named by their place in the results, as in `bam.held_out_kp200_deg`, and
     have a `value`; numbers have `within`, how far they may be from it in the same unit.
-    Those of parts that are not in the results are left out.
+    Those of parts that are not in the results are listed as not run.
 
     Args:
         results: of the experiment, parts by name.
@@ -41,6 +41,7 @@ def compare(results: dict[str, Any], file: str | Path) -> Compared:
     for name, row in expected["figures"].items():
         part, *place = name.split(".")
         if part not in results:
+            rows.append((name, _shown(row["value"], row.get("within")), "not run", ""))
             continue
         got = _found(results[part], place)
         right = _right(got, row)

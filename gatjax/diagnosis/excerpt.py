@@ -43,6 +43,9 @@ def shortened(logs: Sequence[Recording], joints: int) -> str | None:
 def excerpt(logs: Sequence[Recording], joints: int) -> list[Recording]:
     """Logs, or pieces of long ones, as trajectories of their own.
 
+    Every run has a piece at least; of more runs than there is time for every so many-th
+    is taken, and a log of which nothing is taken is left out.
+
     Args:
         logs: to be explained.
         joints: of the robot.
@@ -52,12 +55,15 @@ def excerpt(logs: Sequence[Recording], joints: int) -> list[Recording]:
         return list(logs)
     runs = [(log, rows) for log in logs for rows in _runs(log)]
     lasts = np.array([log.time[rows][-1] - log.time[rows][0] for log, rows in runs])
-    counts = np.ceil(lasts / lasts.sum() * enough / PIECE).astype(int).tolist()
+    shares = lasts / lasts.sum() * enough / PIECE
+    many = len(runs) > enough / PIECE
+    thinned = np.diff(np.floor(np.cumsum(shares) + 0.5), prepend=0.0)
+    counts = (thinned if many else np.ceil(shares)).astype(int).tolist()
     out = []
     for log in logs:
         mine = [(rows, n) for (one, rows), n in zip(runs, counts, strict=True)
-                if one is log]  # fmt: skip
-        out.append(_cut(log, mine))
+                if one is log and n > 0]  # fmt: skip
+        out += [_cut(log, mine)] if mine else []
     return out
 
 
@@ -80,7 +86,7 @@ def _tiled(time: np.ndarray, rows: np.ndarray) -> list[np.ndarray]:
 def _spread(
     pieces: list[np.ndarray], moved: np.ndarray, count: int
 ) -> list[np.ndarray]:
-    """So many pieces of a run, in time's order, each for as many of them.
+    """So many pieces of a run, in time's order; each stands for equally many.
 
     Ordered by speed and divided into parts, of each part the middle one is taken. So
     the fastest end of a chirp, where any drive gives up, counts for what it is; but a

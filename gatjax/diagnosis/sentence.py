@@ -45,7 +45,8 @@ def _found(verdict: Verdict, rows: list[Row]) -> str:
     if not names:
         doubt = "the logs leave a doubt"
         if doubtful:
-            doubt = f"the held-out logs do not bear out {doubtful}"
+            borne = f"out {doubtful}" if sure or likely else "it out"
+            doubt = f"the held-out logs do not bear {borne}"
         probable = all(row["probability"] > 0.5 for row in rows)
         lacks = "most likely lacks" if probable else "may lack"
         return f"The simulation {lacks} {every}, but {doubt}."
@@ -69,7 +70,7 @@ def _without(verdict: Verdict, aside: list[Row]) -> list[str]:
         told.setdefault(row["joint"], []).append(when)
     return [
         f"at {joint} nothing explains {len(when)} of {len(verdict.judge.case.runs)} "
-        f"pieces, which were left aside: {', '.join(when)}"
+        f"pieces, left aside: {', '.join(when)}"
         for joint, when in told.items()
     ]
 
