@@ -63,12 +63,13 @@ def test_a_piece_that_nothing_explains_is_left_aside(runs):
     size = result.cause_row(verdict, cause, 0)["parameters"]["scale"]["value"]
     assert size == pytest.approx(0.55, rel=0.1)
     logs = [f"logs/{number}.csv" for number in range(PIECES)]
-    said = result.told(verdict, logs, [{} for _ in runs], 0)
+    numbered = [run._replace(trajectory=10 + run.trajectory) for run in runs]
+    said = result.told(verdict, logs, numbered, [{} for _ in runs], 0)
     (row,) = said["left_aside"]
     assert (row["joint"], row["log"]) == ("arm", "logs/3.csv")
     assert (row["from"], row["to"]) == pytest.approx((0.0, 3.0), abs=0.02)
-    words = "at arm nothing explains 1 of 8 pieces, left aside: 0 to 3 s of 3.csv."
-    assert words in said["sentence"]
+    words = "at arm nothing explains 1 of 8 pieces, left aside: 0 to 3 s of "
+    assert words + "trajectory 13 of 3.csv." in said["sentence"]
 
 
 @pytest.mark.parametrize(("within", "strays"), [(True, (3,)), (False, ())])

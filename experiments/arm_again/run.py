@@ -1,4 +1,4 @@
-"""The SO-101 arm again, on motions that no method was made with.
+"""The SO-101 arm again, on motions that were chosen before anybody looked at them.
 
     python experiments/arm_again/run.py --out DIR
 

@@ -234,7 +234,7 @@ def _told(
     beside = [{} for _ in case.runs] if data.floating else conditions(data.files.fit)
     every = data.files.fit
     logs = [log.name for log in every for _ in np.unique(log.trajectory)]
-    said = result.told(verdict, logs, beside, seed)
+    said = result.told(verdict, logs, data.whole, beside, seed)
     if not data.floating:
         played = {name: each.fit for name, each in pairs.items()}
         said["signals"] = signals(played, data.files.fit, data.joints)

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gatjax.data.recording import Recording
+from gatjax.data.trajectories import JointRun
 
 ENOUGH, JOINTS = 60.0, 600.0  # s that are looked into: of all joints, and of each
 LONG = 2.5  # times that: longer logs are cut
@@ -65,6 +66,18 @@ def excerpt(logs: Sequence[Recording], joints: int) -> list[Recording]:
                 if one is log and n > 0]  # fmt: skip
         out += [_cut(log, mine)] if mine else []
     return out
+
+
+def source(piece: JointRun, whole: Sequence[JointRun]) -> int:
+    """Number of the trajectory that a piece is of; its own where there is none."""
+    rows = len(piece.time)
+    for run in whole:
+        first = int(np.searchsorted(run.time, piece.time[0]))
+        part = run.part(np.arange(len(run.time))[first : first + rows])
+        same = np.array_equal(part.time, piece.time)
+        if same and np.array_equal(part.angle, piece.angle):
+            return run.trajectory
+    return piece.trajectory
 
 
 def _runs(log: Recording) -> list[np.ndarray]:

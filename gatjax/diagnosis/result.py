@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import extend
 from gatjax.diagnosis.claims import Claim
+from gatjax.diagnosis.excerpt import source
 from gatjax.diagnosis.fit import LEFT
 from gatjax.diagnosis.hypotheses import COUNT, numbers
 from gatjax.diagnosis.sentence import sentence
@@ -66,17 +68,19 @@ def interval(verdict: Verdict, claim: Claim, seed: int) -> dict[str, dict[str, A
 
 
 def told(
-    verdict: Verdict, logs: list[str], beside: list[dict[str, np.ndarray]], seed: int
-) -> dict[str, Any]:
+    verdict: Verdict, logs: list[str], whole: list[JointRun],
+    beside: list[dict[str, np.ndarray]], seed: int,
+) -> dict[str, Any]:  # fmt: skip
     """What diagnosis.json says of a verdict.
 
     Args:
         verdict: of the diagnosis.
         logs: name of the log of each run.
+        whole: the runs that they are, or are pieces of.
         beside: `unexplained.conditions` of the recordings that were explained.
         seed: of the intervals.
     """
-    rows, aside = cause_rows(verdict, seed), left_aside(verdict, logs)
+    rows, aside = cause_rows(verdict, seed), left_aside(verdict, logs, whole)
     return {
         "schema": SCHEMA,
         "verdict": verdict.verdict,
@@ -233,14 +237,17 @@ def calibration_rows(verdict: Verdict) -> list[dict[str, Any]]:
     return rows
 
 
-def left_aside(verdict: Verdict, logs: list[str]) -> list[dict[str, Any]]:
+def left_aside(
+    verdict: Verdict, logs: list[str], whole: list[JointRun]
+) -> list[dict[str, Any]]:
     """Pieces of the logs that do not count at a joint, for nothing explains them."""
     case = verdict.judge.case
     return [
-        {"joint": case.joints[k].name, "log": logs[run],
-         "from": float(case.runs[run].time[0]), "to": float(case.runs[run].time[-1])}
+        {"joint": case.joints[k].name, "log": logs[n],
+         "trajectory": source(case.runs[n], whole),
+         "from": float(case.runs[n].time[0]), "to": float(case.runs[n].time[-1])}
         for k, runs in sorted(case.aside.items())
-        for run in sorted(runs)
+        for n in sorted(runs)
     ]  # fmt: skip
 
 

@@ -66,7 +66,8 @@ def _without(verdict: Verdict, aside: list[Row]) -> list[str]:
     """Some words for each joint of which pieces do not count."""
     told: dict[str, list[str]] = {}
     for row in aside:
-        when = f"{row['from']:.0f} to {row['to']:.0f} s of {Path(row['log']).name}"
+        log = f"trajectory {row['trajectory']} of {Path(row['log']).name}"
+        when = f"{row['from']:.0f} to {row['to']:.0f} s of {log}"
         told.setdefault(row["joint"], []).append(when)
     return [
         f"at {joint} nothing explains {len(when)} of {len(verdict.judge.case.runs)} "
