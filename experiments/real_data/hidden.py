@@ -62,25 +62,35 @@ def told(lie: Lie | None, robot: Robot, world: Path, out: Path) -> list[str]:
     return ["--world", str(out / "start.json"), *given]
 
 
-def right(lie: Lie | None, said: dict[str, Any]) -> bool:
-    """Whether a diagnosis names the lie, or nothing where there is none.
+def named(lie: Lie | None, said: dict[str, Any]) -> list[bool]:
+    """Of each cause that a diagnosis names, whether it is the lie.
 
-    On a robot of one joint it has to be named first, and an offset of what a servo
-    sees, or of a motor that is told its torque, turns the load like a tilted mounting;
-    one of the log does not.
+    On a robot of one joint an offset of what a servo sees, or of a motor that is told
+    its torque, turns the load like a tilted mounting; one of the log does not.
     """
-    named = said["causes"] if said["verdict"] in ("named", "ambiguous") else []
-    if lie is None or not named:
-        return lie is None and not named
+    rows = said["causes"] if said["verdict"] in ("named", "ambiguous") else []
+    if lie is None:
+        return [False for _ in rows]
     alone, servoed = len(said["joints"]) == 1, said["command_unit"] == "rad"
     turned = alone and not (servoed and lie.cause == "encoder_offset")
     classes = (*ALIASES, ONE_JOINT) if turned else ALIASES
     everywhere = [["all"]] if alone else []
     same = next((each for each in classes if lie.cause in each), {lie.cause})
-    return any(
+    return [
         row["cause"] in same and row["where"] in ([lie.joint], *everywhere)
-        for row in (named[:1] if alone else named)
-    )
+        for row in rows
+    ]
+
+
+def right(lie: Lie | None, said: dict[str, Any]) -> bool:
+    """Whether a diagnosis names the lie, or nothing where there is none.
+
+    On a robot of one joint it has to be named first.
+    """
+    hits = named(lie, said)
+    if lie is None:
+        return not hits
+    return any(hits[:1] if len(said["joints"]) == 1 else hits)
 
 
 def tried(
@@ -92,11 +102,13 @@ def tried(
     if not (folder / "said/diagnosis.json").is_file():
         given = told(lie, robot, world, folder)
         if code := gatjax(["diagnose", *given, "--out", str(folder / "said")]):
-            failed = {"verdict": f"failed with {code}", "right": False, "causes": []}
+            failed = {"verdict": f"failed with {code}", "right": False, "causes": [],
+                      "besides": 0}  # fmt: skip
             return row | failed
     said = read_json(folder / "said/diagnosis.json")
     return row | {
         "verdict": said["verdict"], "right": right(lie, said),
+        "besides": named(lie, said).count(False),
         "causes": [(row["cause"], row["where"]) for row in said["causes"]],
     }  # fmt: skip
 
@@ -171,6 +183,7 @@ def compared(out: Path) -> dict[str, Any]:
     return {
         "cases": len(rows),
         "cause_right": sum(row["right"] for row in lied) / len(lied),
+        "wrong_causes_a_lie": sum(row["besides"] for row in lied) / len(lied),
         "nothing_new": sum(row["right"] for row in true) / len(true),
         "nothing_wrong": sum(row["verdict"] == "none" for row in true) / len(true),
         "rows": rows,
