@@ -41,7 +41,7 @@ def swung(names: tuple[str, ...], out: Path) -> list[str]:
 def diagnosed(
     start: list[str], names: tuple[str, ...], out: Path, allowed: dict[str, Any]
 ) -> dict[str, Any]:
-    """Diagnose swing-ups from a model or a world, with tolerances that differ."""
+    """Diagnose runs from a model or a world, with tolerances that differ."""
     if not (out / "diagnosis.json").is_file():
         logs = out.parent / "logs"
         logs.mkdir(parents=True, exist_ok=True)

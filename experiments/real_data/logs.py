@@ -26,8 +26,7 @@ def swings(log: Recording, joint: str) -> list[tuple[float, float]]:
     edges = np.flatnonzero(low[1:] != low[:-1]).reshape(-1, 2)
     found: list[tuple[float, float]] = []
     for begin, end in log.time[np.minimum(edges, len(log.time) - 1)]:
-        first = begin
         if found and begin < found[-1][1]:  # it was thrown over the top
-            first = found.pop()[0]
-        found.append((first, end + AFTER))
+            begin, _ = found.pop()
+        found.append((begin, end + AFTER))
     return found

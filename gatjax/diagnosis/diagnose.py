@@ -232,8 +232,7 @@ def _told(
     )
     tell("measure", 0.6)
     beside = [{} for _ in case.runs] if data.floating else conditions(data.files.fit)
-    every = data.files.fit
-    logs = [log.name for log in every for _ in np.unique(log.trajectory)]
+    logs = [log.name for log in data.files.fit for _ in np.unique(log.trajectory)]
     said = result.told(verdict, logs, data.whole, beside, seed)
     if not data.floating:
         played = {name: each.fit for name, each in pairs.items()}
@@ -249,7 +248,7 @@ def _told(
     tell("measure", 0.9)
     fit, unfit = ([log.name for log in logs] for logs in data.files[:2])
     name = data.model.names.split(b"\0")[0].decode()
-    first = every[0]
+    first = data.files.fit[0]
     return said | {
         "gain": gain,
         "fallback": learned,

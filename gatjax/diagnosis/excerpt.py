@@ -64,7 +64,8 @@ def excerpt(logs: Sequence[Recording], joints: int) -> list[Recording]:
     for log in logs:
         mine = [(rows, n) for (one, rows), n in zip(runs, counts, strict=True)
                 if one is log and n > 0]  # fmt: skip
-        out += [_cut(log, mine)] if mine else []
+        if mine:
+            out.append(_cut(log, mine))
     return out
 
 
