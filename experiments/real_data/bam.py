@@ -93,8 +93,8 @@ def diagnosed(split: str, out: Path) -> dict[str, Any]:
     write_recording(out / "fit.parquet", joined(sets["fit"], "fit"))
     write_json(out / "tolerances.json", TOLERANCES)
     given = ["--data", f"{out}/fit.parquet", "--tolerances", f"{out}/tolerances.json"]
-    rounds = repeated(["--model", str(MODEL)], given, out)
-    world = read_start(rounds[-1]).world(PERIOD, STEP)
+    rounds, last = repeated(["--model", str(MODEL)], given, out)
+    world = read_start(last).world(PERIOD, STEP)
     told = {name: errors(world, some) for name, some in sets.items()}
     held = sets["held"]
     worlds = {"nominal": Start(str(MODEL)).world(PERIOD, STEP), "gatjax": world}

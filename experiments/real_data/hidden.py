@@ -174,7 +174,7 @@ def compared(out: Path) -> dict[str, Any]:
     rows = []
     for robot in (*of_bam(out), *of_dfki(out), *of_so101(out)):
         model, known = ["--model", str(robot.model)], out / robot.name / "known"
-        world = repeated(model, list(robot.first), known)[-1]
+        _, world = repeated(model, list(robot.first), known)
         for title, lie in robot.lies.items():
             rows.append(tried(title, lie, robot, world, out))
             write_json(out / "cases.json", {"cases": rows})

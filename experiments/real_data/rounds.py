@@ -18,8 +18,8 @@ MOST = 5  # rounds
 WORTH = 100.0  # nats of a guess
 
 
-def repeated(start: list[str], given: list[str], out: Path) -> list[Path]:
-    """Diagnose logs until nothing new is found; the folders of all rounds.
+def repeated(start: list[str], given: list[str], out: Path) -> tuple[list[Path], Path]:
+    """Diagnose logs until nothing new is found; all rounds' folders, the last world.
 
     Args:
         start: `--model` or `--world` with its file.
@@ -27,6 +27,7 @@ def repeated(start: list[str], given: list[str], out: Path) -> list[Path]:
         out: gets a folder for each round; those that are there stay.
     """
     folders: list[Path] = []
+    world = out
     for number in range(MOST):
         folder = out / f"round_{number}"
         if not (folder / "diagnosis.json").is_file() and (
@@ -34,10 +35,11 @@ def repeated(start: list[str], given: list[str], out: Path) -> list[Path]:
         ):
             raise SystemExit(code)
         folders.append(folder)
+        world = _taken(folder)
         if not found(folder):
             break
-        start = ["--world", str(_taken(folder))]
-    return folders
+        start = ["--world", str(world)]
+    return folders, world
 
 
 def found(folder: Path) -> list[dict[str, Any]]:
@@ -47,6 +49,7 @@ def found(folder: Path) -> list[dict[str, Any]]:
     guesses = (
         row for row in said["candidates"]
         if row["cause"] in CATALOGUE and row["log_evidence"] >= WORTH
+        and row["parameters"]  # joints that differ have none in common
     )  # fmt: skip
     best = next(guesses, None)
     if not rows and best is not None and said["verdict"] == "unknown":
