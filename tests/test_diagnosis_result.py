@@ -191,3 +191,11 @@ def test_the_sentence_tells_a_cause_once_with_the_sizes_it_has():
     rows = [row("backlash", True), row("stiction", True), other]
     text = sentence(verdict([])._replace(verdict="named", unexplained=[]), rows, [])
     assert "lacks backlash of 0.03 to 0.1 rad (width) at elbow, wrist and sti" in text
+
+
+def test_the_sentence_tells_the_number_beside_the_main_one_that_may_be_the_larger():
+    both = {"torque": {"value": -0.2, "unit": "N*m"},
+            "viscous": {"value": -70.0, "unit": "N*m*s/rad"}}  # fmt: skip
+    one = row("asymmetric_friction", True) | {"parameters": both}
+    text = sentence(verdict([])._replace(verdict="named", unexplained=[]), [one], [])
+    assert "of -0.2 N*m (torque) and -70 N*m*s/rad (viscous) at elbow." in text

@@ -8,6 +8,7 @@ from typing import Any
 from gatjax.diagnosis.verdict import CERTAIN, Verdict
 
 Row = dict[str, Any]
+BESIDE = ("viscous",)  # parameters as large as the main one: it may be 0 beside them
 
 
 def sentence(verdict: Verdict, rows: list[Row], aside: list[Row]) -> str:
@@ -88,15 +89,22 @@ def _alike(rows: list[Row]) -> list[list[Row]]:
 def _phrase(rows: list[Row]) -> str:
     """A cause in words: name, sizes, places, alternatives."""
     row = rows[0]
-    name, value = next(iter(row["parameters"].items()))
-    sizes = sorted(each["parameters"][name]["value"] for each in rows)
+    main, *rest = row["parameters"]
+    shown = [main, *(name for name in rest if name in BESIDE)]
     places = [place for each in rows for place in each["where"]]
     where = ", ".join(places[:4]) + (" and others" if places[4:] else "")
     where = "all joints" if where == "all" else where
-    unit = "" if value["unit"] == "1" else f" {value['unit']}"
     alike = " or ".join(row["equivalent"]).replace("_", " ")
     other = f" (or {alike})" if alike else ""
     words = row["cause"].replace("_", " ")
-    size = " to ".join(dict.fromkeys(f"{one:.3g}" for one in (sizes[0], sizes[-1])))
-    size += unit + ("" if name in words else f" ({name})")
+    size = " and ".join(_size(rows, name, words) for name in shown)
     return f"{words} of {size} at {where}{other}"
+
+
+def _size(rows: list[Row], name: str, words: str) -> str:
+    """A parameter in words: its values, unit, and name if the cause's has it not."""
+    values = [row["parameters"][name] for row in rows]
+    sizes = sorted(each["value"] for each in values)
+    unit = "" if values[0]["unit"] == "1" else f" {values[0]['unit']}"
+    size = " to ".join(dict.fromkeys(f"{one:.3g}" for one in (sizes[0], sizes[-1])))
+    return size + unit + ("" if name in words else f" ({name})")
