@@ -86,3 +86,29 @@ def test_no_log_is_an_error(brought):
     code, _, error, _ = brought()
     assert code == 1
     assert "no log is named" in error
+
+
+@pytest.mark.parametrize(("log", "out"), [
+    ("run.json", "run.csv"), ("run.csv", "run.csv"), ("run.csv", "run.parquet"),
+])  # fmt: skip
+def test_a_log_is_never_written_over(tmp_path, capsys, log, out):
+    text = "time,position.a,command.a\n" + "".join(f"{k},{k},1\n" for k in range(9))
+    path = tmp_path / log
+    path.write_text(text)
+    code = main(["import", str(path), "--out", str(tmp_path / out)])
+    same = out == "run.csv"
+    assert (code == 1 and "would be written over" in capsys.readouterr().err) is same
+    assert path.read_text() == text
+
+
+def test_a_map_may_name_everything(tmp_path, brought):
+    table = {"stamp_ms": 1e3 * logs.SEEN, "q": np.sin(logs.SEEN),
+             "goal": np.sin(logs.SEEN), "lap": np.zeros(len(logs.SEEN))}  # fmt: skip
+    parquet.write_table(pa.table(table), tmp_path / "log.parquet")
+    (tmp_path / "map.yaml").write_text(
+        "columns: {time: {from: stamp_ms, unit: ms, scale: 2}, trajectory: lap,"
+        " position.a: q, command.a: goal}"
+    )
+    code, *_, out = brought(tmp_path / "log.parquet", "--map", tmp_path / "map.yaml")
+    assert code == 0
+    np.testing.assert_allclose(read_recording(out).time, 2.0 * logs.SEEN)

@@ -12,7 +12,7 @@ import pytest
 from pyarrow import parquet
 
 from gatjax.data import readers
-from gatjax.data.readers import drafts
+from gatjax.data.readers import drafts, torch_file
 
 PACE = Path(__file__).parent / "data" / "logs" / "pace.pt"
 TIME = np.linspace(0.0, 1.0, 51)
@@ -66,6 +66,15 @@ def test_a_tensor_beyond_its_storage_is_refused(tmp_path, kept, line):
             archive.writestr(name, short)
     with pytest.raises(ValueError, match=line):
         read(path)
+
+
+@pytest.mark.parametrize(("offset", "shape", "stride", "storage"), [
+    (99, (100,), (-1,), np.zeros(100)), (-1, (2,), (1,), np.zeros(100)),
+    (9900, (2, 100), (-99, 1), np.zeros(100)), (0, (100,), (1,), np.zeros((100, 0))),
+])  # fmt: skip
+def test_a_tensor_before_its_storage_is_refused(offset, shape, stride, storage):
+    with pytest.raises(pickle.UnpicklingError, match="before its numbers"):
+        torch_file._rebuilt(storage, offset, shape, stride)
 
 
 def test_a_file_that_is_no_archive_is_refused(tmp_path):
@@ -223,3 +232,18 @@ def test_other_files_are_refused_with_what_is_known(tmp_path, name, line):
 def test_a_folder_of_no_log_is_refused(tmp_path):
     with pytest.raises(ValueError, match="folder of no known log"):
         read(tmp_path)
+
+
+@pytest.mark.parametrize(("name", "content"), [
+    ("cut.npz", b"PK\x03\x04 and no more"), ("array.npz", b"\x93NUMPY\x01\x00"),
+    ("text.json", b'{"entries": "many"}'), ("list.json", b'{"entries": [1, 2]}'),
+    ("cut.pt", b"PK\x03\x04"), ("cut.parquet", b"PAR1 PAR1"), ("cut.mcap", b"\x89MCAP"),
+])  # fmt: skip
+def test_whatever_a_parser_trips_over_is_one_line_with_the_file(
+    tmp_path, name, content
+):
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=name.replace(".", r"\.")) as error:
+        read(path)
+    assert "\n" not in str(error.value)

@@ -7,12 +7,13 @@ from pyarrow import csv, parquet
 
 from gatjax.data import readers
 from gatjax.data.readers import tables
+from gatjax.data.recording import Recording, write_recording
 
 TIME = np.arange(300) * 0.01
 
 
-def read(path):
-    return readers.read(path, lambda share: None)
+def read(path, **named):
+    return readers.read(path, lambda share: None, readers.Given(**named))
 
 
 def write(table, path):
@@ -91,4 +92,81 @@ def test_a_table_without_time_or_rows_is_refused(tmp_path, text):
     path = tmp_path / "log.csv"
     path.write_text(text)
     with pytest.raises(ValueError, match=r"log\.csv"):
+        read(path)
+
+
+def test_empty_cells_are_no_samples_so_every_signal_has_its_own_stamps(
+    tmp_path, ending
+):
+    odd = np.arange(300) % 2 == 1
+    table = {"time": TIME, "command.a": np.where(odd, np.nan, TIME),
+             "position.a": np.where(odd, 2.0 * TIME, np.nan)}  # fmt: skip
+    columns = {name: pa.array(v, from_pandas=True) for name, v in table.items()}
+    source = read(write(columns, tmp_path / f"log{ending}"))
+    np.testing.assert_allclose(source.runs[0]["command.a"].time, TIME[~odd])
+    assert "150 of 300 rows have no number in command.a, position.a" in source.notes[0]
+    made = readers.assemble(source).recording
+    np.testing.assert_allclose(made.time, TIME[odd])
+    np.testing.assert_allclose(made.columns["command.a"], TIME[odd] - 0.01)
+    np.testing.assert_allclose(made.columns["position.a"], 2.0 * TIME[odd])
+
+
+def test_a_map_names_the_stamps_and_the_runs(tmp_path):
+    table = {"stamp_ms": 1e3 * TIME, "lap": np.repeat([3, 8], 150), "q": TIME}
+    path = write(table, tmp_path / "log.csv")
+    with pytest.raises(ValueError, match=r"no column of time.*stamp_ms, lap, q"):
+        read(path)
+    runs = read(path, time="stamp_ms", run="lap").runs
+    assert [set(run) for run in runs] == [{"q"}, {"q"}]
+    assert runs[1]["q"].time[0] == 1500.0
+    with pytest.raises(ValueError, match="no column 'round'; it has stamp_ms, lap, q"):
+        read(path, time="stamp_ms", run="round")
+
+
+def test_a_column_that_is_there_twice_is_refused(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("time,position.a,position.a\n0,1,2\n1,1,2\n")
+    with pytest.raises(ValueError, match=r"column position\.a is there twice"):
+        read(path)
+
+
+def test_a_recording_of_ours_keeps_what_it_says_of_itself(tmp_path, ending):
+    columns = {"command.a": TIME, "position.a": TIME}
+    facts = {"command_unit": "N m", "base": "fixed", "robot": "crane"}
+    log = Recording("log", TIME, np.zeros(300, int), columns, facts)
+    path = tmp_path / f"log{ending}"
+    write_recording(path, log)
+    assert readers.assemble(read(path)).recording.metadata == facts
+
+
+def test_a_json_of_another_program_beside_a_csv_is_told(tmp_path):
+    path = write({"time": TIME, "position.a": TIME}, tmp_path / "log.csv")
+    path.with_suffix(".json").write_text("[1, 2")
+    assert read(path).notes[0].endswith("not used")
+
+
+def test_one_text_among_numbers_is_told_with_its_row(tmp_path):
+    path = tmp_path / "log.csv"
+    rows = [f"{k},{'late' if k == 250 else k}" for k in range(300)]
+    path.write_text("\n".join(["time,position.a", *rows]))
+    with pytest.raises(ValueError, match=r"row 251, column 'position\.a': 'late' is"):
+        read(path)
+
+
+def test_dates_codes_and_semicolons_are_what_other_programs_write(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("Time;q\n2026-11-20T10:00:00.5;1\n2026-11-20T10:00:01;2\n")
+    run = read(path).runs[0]
+    np.testing.assert_allclose(np.diff(run["q"].time), 0.5)
+    coded = {"time": TIME, "position": TIME,
+             "joint": pa.array(["a", "b"] * 150).dictionary_encode()}  # fmt: skip
+    source = read(write(coded, tmp_path / "coded.parquet"))
+    assert set(source.runs[0]) == {"position.a", "position.b"}
+
+
+@pytest.mark.parametrize("cell", ["", "nan"])
+def test_a_row_without_a_stamp_is_told(tmp_path, cell):
+    path = tmp_path / "log.csv"
+    path.write_text(f"time,position.a\n0,1\n{cell},2\n2,3\n")
+    with pytest.raises(ValueError, match="row 2, column 'time': nan is not a number"):
         read(path)

@@ -35,7 +35,7 @@ def bring(verb: Import) -> None:
     """
     if not verb.logs:
         raise ValueError("no log is named; give at least one file or folder")
-    check_ending(verb.out)
+    _check_spared(verb)
     given = None if verb.map is None else read_map(verb.map)
     make_folder(verb.out.parent)
     recording = _read(verb, given)
@@ -52,10 +52,25 @@ def bring(verb: Import) -> None:
     print(f"picture    {picture}")
 
 
+def _check_spared(verb: Import) -> None:
+    """Refuse an output that would replace a log or the map."""
+    beside = [".png"]
+    beside += [".json"] if check_ending(verb.out) == ".csv" else []
+    beside += [".map.yaml"] if verb.map is None else []
+    written = {verb.out, *(verb.out.with_suffix(ending) for ending in beside)}
+    taken = {path.resolve() for path in written}
+    for file in [*verb.logs, *([verb.map] if verb.map else [])]:
+        if file.resolve() in taken:
+            raise ValueError(f"{file} would be written over; choose another --out")
+
+
 def _read(verb: Import, given: ColumnMap | None) -> Recording:
     """The recording that the logs make; what is not in it is forgotten."""
+    rows = _rows_of(given)
     with shown(float(len(verb.logs))) as progress:
-        sources = [readers.read(path, _teller(progress, path)) for path in verb.logs]
+        sources = [
+            readers.read(path, _teller(progress, path), rows) for path in verb.logs
+        ]
     for source in sources:
         _say(source)
     if given is None:
@@ -69,6 +84,14 @@ def _read(verb: Import, given: ColumnMap | None) -> Recording:
     if partly:
         print(f"note: left out, not in every log: {', '.join(partly)}")
     return recording
+
+
+def _rows_of(given: ColumnMap | None) -> readers.Given:
+    """Columns of time and runs that a map names otherwise than a recording does."""
+    entries = {} if given is None else given.entries
+    named = {name: entries[name].source for name in ("time", "trajectory")
+             if name in entries and entries[name].source != name}  # fmt: skip
+    return readers.Given(named.get("time"), named.get("trajectory"))
 
 
 def _teller(progress: Progress, path: Path) -> Callable[[float], None]:

@@ -282,20 +282,30 @@ def _read_table(path: Path) -> tuple[pa.Table, dict[str, Any]]:
         if ending == ".parquet":
             with parquet.ParquetFile(path) as file:
                 table = file.read()
-            metadata = _parquet_metadata(table)
         else:
             table = csv.read_csv(path)
-            metadata = _json_beside(path)
+        metadata = told_of(path)
     except (pa.ArrowException, UnicodeDecodeError) as error:
         line = str(error).splitlines()[0]
         raise ValueError(f"{path}: not a readable {ending} file: {line}") from error
     if table.num_rows == 0:
         raise ValueError(f"{path}: no rows")
-    names = table.column_names
+    check_once(path, table.column_names)
+    return table, metadata
+
+
+def check_once(path: Path, names: Sequence[str]) -> None:
+    """Refuse a table of which two columns have one name."""
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise ValueError(f"{path}: column {', '.join(twice)} is there twice")
-    return table, metadata
+
+
+def told_of(path: Path) -> dict[str, Any]:
+    """Metadata of a table: those in a Parquet file, or in the .json beside a .csv."""
+    if path.suffix.lower() != ".parquet":
+        return _json_beside(path)
+    return _parquet_metadata(parquet.read_schema(path))
 
 
 def _neighbours(folder: Path) -> str:
@@ -304,9 +314,9 @@ def _neighbours(folder: Path) -> str:
     return f"; {folder} has {', '.join(names)}" if names else ""
 
 
-def _parquet_metadata(table: pa.Table) -> dict[str, Any]:
+def _parquet_metadata(schema: pa.Schema) -> dict[str, Any]:
     """Key-value metadata of a Parquet file, without what other writers add."""
-    raw = {k.decode(): v.decode() for k, v in (table.schema.metadata or {}).items()}
+    raw = {k.decode(): v.decode() for k, v in (schema.metadata or {}).items()}
     return {key: value for key, value in raw.items() if key not in FOREIGN_METADATA}
 
 

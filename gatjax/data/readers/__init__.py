@@ -2,34 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 from gatjax.data.readers import arrays, bam, lerobot, ros, sage, tables, torch_file
 from gatjax.data.readers.assemble import Assembled, assemble, joined
-from gatjax.data.readers.source import Source, Stream, Tell
+from gatjax.data.readers.source import Given, Source, Stream, Tell
 
-__all__ = ["Assembled", "Source", "Stream", "assemble", "joined", "read"]
+__all__ = ["Assembled", "Given", "Source", "Stream", "assemble", "joined", "read"]
 
-FORMATS: dict[str, Callable[[Path], Source]] = {
-    ".npz": arrays.read_npz,
-    ".json": bam.read,
-    ".pt": torch_file.read,
-}
-LARGE: dict[str, Callable[[Path, Tell], Source]] = {
-    ".parquet": tables.read,
-    ".csv": tables.read,
-    ".mcap": ros.read_mcap,
-}
-"""Formats of logs that take a while."""
+KNOWN = (".parquet", ".csv", ".mcap", ".npz", ".json", ".pt")
 
 
-def read(path: Path, tell: Tell) -> Source:
+def read(path: Path, tell: Tell, given: Given | None = None) -> Source:
     """Read a log, its format told by its ending, or by what a folder holds.
 
     Args:
         path: file or folder.
         tell: is called with the share that is read, 1.0 at last.
+        given: columns of a table that a map names; the others' stamps are their own.
 
     Raises:
         FileNotFoundError: there is no such file or folder.
@@ -37,19 +27,47 @@ def read(path: Path, tell: Tell) -> Source:
     """
     if not path.exists():
         raise FileNotFoundError(f"{path}: no such file or folder")
-    if path.is_dir():
-        source = _folder(path, tell)
-    elif path.suffix in FORMATS:
-        source = FORMATS[path.suffix](path)
-    elif path.suffix in LARGE:
-        source = LARGE[path.suffix](path, tell)
-    else:
-        raise ValueError(
-            f"{path}: ending {path.suffix!r} is not known; known are "
-            f"{', '.join([*LARGE, *FORMATS])}, and folders of rosbag2, LeRobot and SAGE"
-        )
+    try:
+        source = _parsed(path, tell, given or Given())
+    except MemoryError:
+        raise
+    except Exception as error:  # of foreign bytes: a parser may trip over anything
+        line = " ".join(str(error).split()) or "broken"
+        if isinstance(error, ValueError) and line.startswith(str(path)):
+            raise
+        kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
+        raise ValueError(f"{path}: cannot be read: {kind}{line[:400]}") from error
+    if not any(source.runs):
+        raise ValueError(f"{path}: has no signal; {'; '.join(source.notes)}")
     tell(1.0)
     return source
+
+
+def _parsed(path: Path, tell: Tell, given: Given) -> Source:
+    """What the reader of a log's format makes of it."""
+    if path.is_dir():
+        return _folder(path, tell)
+    ending = path.suffix.lower()
+    if given.time and ending in (".mcap", ".json"):
+        raise ValueError(
+            f"{path}: its samples are stamped already; leave 'from' of time out of "
+            f"the map"
+        )
+    match ending:
+        case ".parquet" | ".csv":
+            return tables.read(path, tell, given)
+        case ".mcap":
+            return ros.read_mcap(path, tell)
+        case ".npz":
+            return arrays.read_npz(path, given)
+        case ".json":
+            return bam.read(path)
+        case ".pt":
+            return torch_file.read(path, given)
+    raise ValueError(
+        f"{path}: ending {path.suffix!r} is not known; known are {', '.join(KNOWN)}, "
+        f"and folders of rosbag2, LeRobot and SAGE"
+    )
 
 
 def _folder(path: Path, tell: Tell) -> Source:

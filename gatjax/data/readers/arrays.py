@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 
-from gatjax.data.readers.source import Run, Source, Stream, numbered, table
+from gatjax.data.readers.source import Given, Run, Source, Stream, numbered, table
 
 TIMES = ("time", "t", "timestamp", "timestamps", "stamps")
 NAMES = ("joint_names", "joints", "names")
@@ -21,30 +22,44 @@ FAMILIES = {
 """Families of a recording, and what their arrays are called in the wild."""
 
 
-def read_npz(path: Path) -> Source:
+def read_npz(path: Path, given: Given) -> Source:
     """Read an .npz file; nothing in it is executed.
 
     Raises:
         ValueError: one line: no such file, objects in it, no time, odd shapes.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as raw:
+            file = np.load(raw, allow_pickle=False)
+            if isinstance(file, np.ndarray):
+                raise ValueError("it is a single array")
             arrays = {name: file[name] for name in file.files}
-    except (ValueError, OSError, EOFError) as error:
+    except (ValueError, OSError, EOFError, BadZipFile) as error:
         reason = " ".join(str(error).split())
         raise ValueError(f"{path}: not a plain .npz file: {reason}") from error
-    return of_arrays(path, "NPZ", arrays)
+    return of_arrays(path, "NPZ", arrays, given)
 
 
-def of_arrays(path: Path, kind: str, arrays: Mapping[str, np.ndarray]) -> Source:
+def stamps_of(names: Iterable[str], given: Given) -> str | None:
+    """Which name is that of the time: as the map says, or one of `TIMES`."""
+    known = {name.lower(): name for name in names}
+    if given.time is not None:
+        return given.time if given.time in known.values() else None
+    return next((known[name] for name in TIMES if name in known), None)
+
+
+def of_arrays(
+    path: Path, kind: str, arrays: Mapping[str, np.ndarray], given: Given
+) -> Source:
     """A log that is a dict of arrays whose rows are samples.
 
     Arrays [N] and [N, J] share the one time [N]; what is shaped otherwise is left out.
     """
-    time = next((arrays[name] for name in TIMES if name in arrays), None)
+    stamps = stamps_of(arrays, given)
+    time = None if stamps is None else arrays[stamps]
     if time is None or np.ndim(time) != 1:
         raise ValueError(
-            f"{path}: no array of times [N] ({', '.join(TIMES)}); it has "
+            f"{path}: no array of times [N] ({given.time or ', '.join(TIMES)}); it has "
             f"{', '.join(f'{n} {a.shape}' for n, a in arrays.items())}"
         )
     time = np.asarray(time, np.float64)
@@ -54,7 +69,7 @@ def of_arrays(path: Path, kind: str, arrays: Mapping[str, np.ndarray]) -> Source
     draft: dict[str, dict[str, Any]] = {}
     left = []
     for name, array in arrays.items():
-        if name in TIMES or name in NAMES:
+        if name == stamps or name in NAMES:
             continue
         fits = array.ndim in (1, 2) and len(array) == len(time)
         if not fits or not np.issubdtype(array.dtype, np.number):
@@ -64,10 +79,11 @@ def of_arrays(path: Path, kind: str, arrays: Mapping[str, np.ndarray]) -> Source
             run[name] = Stream(time, array.astype(np.float64))
             continue
         count = array.shape[1]
-        own = joints if joints and len(joints) == count else numbered(count)
+        whole = joints is None or len(joints) == count
+        own = joints if joints and whole else numbered(count)
         run |= table(f"{name}.", own, time, array)
         family = _family(name)
-        if family:
+        if family and whole:  # other numbers than joints: a base, say
             draft |= {f"{family}.{j}": {"from": f"{name}.{j}"} for j in own}
     notes = []
     if left:

@@ -18,6 +18,8 @@ from gatjax.data.readers.source import Run, Source, Stream
 from gatjax.data.recording import Recording, check_one_unit
 
 HELD = ("command.", "stiffness.")  # signals that hold until the next stamp
+ROWS = ("time", "trajectory")  # columns that a table's reader has used already
+CLOCK = Entry("time", 1.0, 1.0, 0.0)
 NAMED = 4  # signals or runs that a note names
 Done = dict[str, dict[str, None]]  # what was done, to which signals or in which runs
 
@@ -44,12 +46,11 @@ def assemble(source: Source, mapping: ColumnMap | None = None) -> Assembled:
     chosen = mapping or draft
     names = sorted({name for run in source.runs for name in run})
     entries = _entries(chosen, names, source.name)
-    clock = chosen.entries.get("time") or draft.entries.get("time")
-    scale = 1.0 if clock is None else clock.factor
+    clock = chosen.entries.get("time") or draft.entries.get("time") or CLOCK
     rows, done = [], Done()
     for number, run in enumerate(source.runs):
         where = f"{source.name}: run {number}"
-        clear = {c: _in_si(run[e.source], e, scale) for c, e in entries.items()
+        clear = {c: _in_si(run[e.source], e, clock) for c, e in entries.items()
                  if e.source in run}  # fmt: skip
         rows.append(_rows(clear, where, done))
     columns = _shared([set(found) for _, found in rows], done)
@@ -63,13 +64,15 @@ def assemble(source: Source, mapping: ColumnMap | None = None) -> Assembled:
     return Assembled(recording, [*source.notes, *_told(source, done)])
 
 
-def _in_si(stream: Stream, entry: Entry, scale: float) -> Stream:
+def _in_si(stream: Stream, entry: Entry, clock: Entry) -> Stream:
     """A signal in s and SI; not copied where it is that already, for logs are large."""
+    return Stream(_scaled(clock, stream.time), _scaled(entry, stream.values))
+
+
+def _scaled(entry: Entry, raw: np.ndarray) -> np.ndarray:
+    """Values [N] in SI; the same array where they are that already."""
     plain = (entry.factor, entry.slope, entry.offset) == (1.0, 1.0, 0.0)
-    return Stream(
-        stream.time if scale == 1.0 else scale * stream.time,
-        stream.values if plain else to_si(entry, stream.values),
-    )
+    return raw if plain else to_si(entry, raw)
 
 
 def _strung(parts: list[np.ndarray]) -> np.ndarray:
@@ -120,7 +123,7 @@ def _check_alike(parts: list[Recording], shared: list[str]) -> None:
 
 def _entries(mapping: ColumnMap, names: Sequence[str], file: str) -> dict[str, Entry]:
     """The log's signal of every column; signals that no recording has are left out."""
-    spoken = {name: e for name, e in mapping.entries.items() if name != "time"}
+    spoken = {name: e for name, e in mapping.entries.items() if name not in ROWS}
     found = resolve(mapping._replace(entries=spoken), names, file)
     return {column: e for column, e in found.items() if quantity_of(column)}
 

@@ -23,6 +23,13 @@ Tell = Callable[[float], None]
 """Is called with the share of a log that is read."""
 
 
+class Given(NamedTuple):
+    """What a user's map says of a table before it is read; None: not said."""
+
+    time: str | None = None  # column of the stamps
+    run: str | None = None  # column of the runs' numbers
+
+
 class Source(NamedTuple):
     """A log that was read and not changed."""
 
@@ -40,7 +47,14 @@ def numbered(count: int) -> list[str]:
 
 
 def table(prefix: str, names: list[str], time: np.ndarray, values: np.ndarray) -> Run:
-    """Signals `<prefix><name>` of a table [N, len(names)]."""
+    """Signals `<prefix><name>` of a table [N, len(names)].
+
+    Raises:
+        ValueError: one line: two have one name.
+    """
+    twice = [name for k, name in enumerate(names) if name in names[:k]]
+    if twice:
+        raise ValueError(f"{prefix}{twice[0]} is there twice; each joint needs a name")
     return {
         f"{prefix}{name}": Stream(time, np.ascontiguousarray(values[:, k], np.float64))
         for k, name in enumerate(names)

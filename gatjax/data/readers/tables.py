@@ -11,8 +11,9 @@ import pyarrow as pa
 from pyarrow import csv, parquet
 
 from gatjax.data.mapping import quantity_of
-from gatjax.data.readers.arrays import TIMES
-from gatjax.data.readers.source import Run, Source, Stream, Tell
+from gatjax.data.readers.arrays import TIMES, stamps_of
+from gatjax.data.readers.source import Given, Run, Source, Stream, Tell
+from gatjax.data.recording import check_once, told_of
 
 SUBJECTS = ("joint", "name", "signal", "joint_name")  # columns of text in long tables
 RUNS = ("trajectory", "episode", "run")
@@ -27,36 +28,95 @@ class Words(NamedTuple):
     codes: np.ndarray  # [N] index of each row's name
 
 
-def read(path: Path, tell: Tell) -> Source:
+def read(path: Path, tell: Tell, given: Given) -> Source:
     """Read a table piece by piece.
 
+    An empty cell, or one that is not a number, is no sample of its signal: tables of
+    several loops have rows for each.
+
     Raises:
-        ValueError: one line: not a table, no time.
+        ValueError: one line: not a table, no time, text among the numbers.
     """
     try:
         numbers, words, left = _columns(path, tell)
     except (pa.ArrowException, UnicodeDecodeError, OSError) as error:
         line = str(error).splitlines()[0]
         raise ValueError(f"{path}: not a readable table: {line}") from error
-    stamp = next((name for name in TIMES if name in numbers), None)
+    _check_texts(path, words)
+    names = [*numbers, *words, *left]
+    stamp = stamps_of(numbers, given)
     if stamp is None or len(numbers[stamp]) == 0:
         raise ValueError(
-            f"{path}: no rows, or no column of time ({', '.join(TIMES)}); it has "
-            f"{', '.join([*numbers, *words, *left])}"
+            f"{path}: no rows, or no column of time ({given.time or ', '.join(TIMES)});"
+            f" it has {', '.join(names)}"
         )
     time = numbers.pop(stamp)
     who = next((words.pop(name) for name in SUBJECTS if name in words), None)
-    ids = next((numbers.pop(n) for n in RUNS if n in numbers), np.zeros(len(time)))
-    runs = [_run(time, numbers, who, rows) for rows in _parts(ids)]
+    run = given.run or next((name for name in RUNS if name in numbers), None)
+    if given.run is not None and given.run not in numbers:
+        raise ValueError(f"{path}: no column {run!r}; it has {', '.join(names)}")
+    ids = np.zeros(len(time)) if run is None else _known(path, run, numbers.pop(run))
     notes = [
         f"{path}: column {name!r} left out, it holds no numbers"
         for name in [*words, *left]
     ]
+    notes += _emptied(path, _known(path, stamp, time), numbers if who is None else {})
+    runs = [_run(time, numbers, who, rows) for rows in _parts(ids)]
     draft: dict[str, dict[str, Any]] = {
         name: {"from": name} for name in runs[0] if quantity_of(name)
     }
     kind = "wide table" if who is None else "long table"
-    return Source(str(path), kind, runs, draft, {}, notes)
+    try:
+        facts = told_of(path)
+    except ValueError as error:  # another program's file of that name
+        facts = {}
+        notes.append(f"{error}: not used")
+    return Source(str(path), kind, runs, draft, facts, notes)
+
+
+def _check_texts(path: Path, words: dict[str, Words]) -> None:
+    """Refuse a column of numbers with a few texts among them."""
+    for name, column in words.items():
+        odd = [k for k, text in enumerate(column.names) if not _parses(text)]
+        if 0 < len(odd) < 0.5 * len(column.names):
+            row = int(np.flatnonzero(np.isin(column.codes, odd))[0])
+            text = column.names[int(column.codes[row])]
+            raise ValueError(
+                f"{path}: row {row + 1}, column {name!r}: {text!r} is not a number, as "
+                f"others of this column are; mend or empty the cell"
+            )
+
+
+def _parses(text: str) -> bool:
+    """Whether a text is a number."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _known(path: Path, name: str, values: np.ndarray) -> np.ndarray:
+    """Stamps or runs [N], which every row needs."""
+    bad = np.flatnonzero(~np.isfinite(values))
+    if bad.size:
+        raise ValueError(
+            f"{path}: row {bad[0] + 1}, column {name!r}: {values[bad[0]]} is not a "
+            f"number ({bad.size} such rows); cut these rows out of the log"
+        )
+    return values
+
+
+def _emptied(path: Path, time: np.ndarray, numbers: dict[str, np.ndarray]) -> list[str]:
+    """How many cells of each column are no samples, a line for each number of them."""
+    found: dict[int, list[str]] = {}
+    for name, values in numbers.items():
+        found.setdefault(int(np.sum(~np.isfinite(values))), []).append(name)
+    return [
+        f"{path}: {count} of {len(time)} rows have no number in {', '.join(names)}: "
+        f"no samples there"
+        for count, names in found.items() if count
+    ]  # fmt: skip
 
 
 def _columns(
@@ -68,7 +128,10 @@ def _columns(
     seen: dict[str, dict[str, int]] = {}
     left: dict[str, None] = {}
     for batch in _batches(path, tell):
+        check_once(path, batch.schema.names)
         for name, column in zip(batch.schema.names, batch.columns, strict=True):
+            if pa.types.is_dictionary(column.type):
+                column = column.dictionary_decode()
             kind = column.type
             if pa.types.is_string(kind) or pa.types.is_large_string(kind):
                 known = seen.setdefault(name, {})
@@ -77,9 +140,7 @@ def _columns(
                 codes = coded.indices.fill_null(-1).to_numpy(zero_copy_only=False)
                 words.setdefault(name, []).append(np.append(own, -1)[codes])
             elif _is_number(kind):
-                values = column.cast(pa.float64(), safe=False)
-                values = values.to_numpy(zero_copy_only=False)
-                numbers.setdefault(name, []).append(values)
+                numbers.setdefault(name, []).append(_floats(column))
             else:
                 left[name] = None
     return (
@@ -87,6 +148,15 @@ def _columns(
         {n: Words(list(seen[n]), np.concatenate(words.pop(n))) for n in list(words)},
         list(left),
     )
+
+
+def _floats(column: pa.Array) -> np.ndarray:
+    """Numbers [N] of a column; dates are seconds since 1970."""
+    if not pa.types.is_timestamp(column.type):
+        values = column.cast(pa.float64(), safe=False)
+        return values.to_numpy(zero_copy_only=False)
+    whole = column.cast(pa.timestamp("ns", column.type.tz)).cast(pa.int64())
+    return 1e-9 * whole.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
 
 
 def _batches(path: Path, tell: Tell) -> Iterator[pa.RecordBatch]:
@@ -100,19 +170,31 @@ def _batches(path: Path, tell: Tell) -> Iterator[pa.RecordBatch]:
                 tell(done / every)
         return
     size, block = max(path.stat().st_size, 1), csv.ReadOptions(block_size=PIECE)
-    with csv.open_csv(path, block) as first:
-        kinds = {f.name: pa.float64() for f in first.schema if _is_number(f.type)}
+    form = csv.ParseOptions(delimiter=_delimiter(path))
+    with csv.open_csv(path, block, form) as first:
+        kinds = {
+            f.name: pa.float64() for f in first.schema
+            if _is_number(f.type) and not pa.types.is_timestamp(f.type)
+        }  # fmt: skip
     with path.open("rb") as file:
         types = csv.ConvertOptions(column_types=kinds)  # 0, 1, 2.5: no column of int
-        with csv.open_csv(file, block, convert_options=types) as table:
+        with csv.open_csv(file, block, form, types) as table:
             for batch in table:
                 yield batch
                 tell(min(file.tell() / size, 1.0))
 
 
+def _delimiter(path: Path) -> str:
+    """What stands most often between the names of a CSV."""
+    with path.open("rb") as file:
+        head = file.readline(1 << 20)
+    return max(",;\t", key=lambda mark: head.count(mark.encode()))
+
+
 def _is_number(kind: pa.DataType) -> bool:
-    """Whether a column holds numbers, or nothing yet."""
-    tests = (pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean)
+    """Whether a column holds numbers or dates, or nothing yet."""
+    tests = (pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean,
+             pa.types.is_timestamp)  # fmt: skip
     return any(test(kind) for test in tests) or pa.types.is_null(kind)
 
 
@@ -128,9 +210,16 @@ def _run(
     time: np.ndarray, numbers: dict[str, np.ndarray], who: Words | None, rows: Rows
 ) -> Run:
     """The signals of one run; in a long table those of each subject apart."""
-    if who is None:
-        return {name: Stream(time[rows], each[rows]) for name, each in numbers.items()}
     found: Run = {}
+    if who is None:
+        clock = time[rows]
+        for name, values in numbers.items():
+            said = np.isfinite(values[rows])
+            if said.all():
+                found[name] = Stream(clock, values[rows])
+            elif said.any():
+                found[name] = Stream(clock[said], values[rows][said])
+        return found
     for code, subject in enumerate(who.names):
         own = np.flatnonzero(who.codes[rows] == code)
         for name, values in numbers.items():

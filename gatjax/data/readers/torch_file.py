@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from gatjax.data.readers.arrays import of_arrays
-from gatjax.data.readers.source import Source
+from gatjax.data.readers.source import Given, Source
 
 MOST = 1 << 28  # numbers of a tensor
 KINDS = {
@@ -28,7 +28,7 @@ KINDS = {
 }  # fmt: skip
 
 
-def read(path: Path) -> Source:
+def read(path: Path, given: Given) -> Source:
     """Read a dict of tensors.
 
     Raises:
@@ -40,14 +40,14 @@ def read(path: Path) -> Source:
             found = _Tensors(archive, name).load()
     except (zipfile.BadZipFile, StopIteration) as error:
         raise ValueError(f"{path}: not a .pt file of PyTorch 1.6 or later") from error
-    except (pickle.UnpicklingError, EOFError, KeyError, IndexError) as error:
+    except (pickle.UnpicklingError, LookupError, EOFError) as error:
         raise ValueError(f"{path}: {' '.join(str(error).split())}") from error
     if not isinstance(found, dict):
         raise ValueError(
             f"{path}: holds a {type(found).__name__}, not a dict of tensors"
         )
     arrays = {str(k): np.asarray(v) for k, v in found.items() if _plain(v)}
-    return of_arrays(path, "PACE .pt", arrays)
+    return of_arrays(path, "PACE .pt", arrays, given)
 
 
 class _Tensors(pickle.Unpickler):
@@ -83,6 +83,8 @@ def _rebuilt(
     storage: np.ndarray, offset: int, shape: tuple, stride: tuple, *_: Any
 ) -> np.ndarray:
     """A tensor as an array of its own."""
+    if storage.ndim != 1 or min(offset, *shape, *stride) < 0:
+        raise pickle.UnpicklingError("a tensor begins before its numbers")
     last = offset + sum((n - 1) * s for n, s in zip(shape, stride, strict=True))
     if min(shape, default=1) > 0 and not 0 <= last < len(storage):
         raise pickle.UnpicklingError("a tensor reaches beyond its numbers")
