@@ -48,7 +48,7 @@ def test_a_recording_holds_the_command_in_force(log):
 
 def test_what_is_not_read_is_told(log):
     notes = " ".join(read(log).notes)
-    assert f"{len(logs.SEEN)} messages of /chat (String) left out" in notes
+    assert f"{len(logs.SEEN)} messages of /chat (std_msgs/String) left out" in notes
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -113,6 +113,140 @@ def test_a_bag_without_its_database_is_refused(tmp_path):
 def test_a_log_of_unknown_messages_says_what_it_has(tmp_path):
     chat = [each for each in logs.messages() if each[0] == "/chat"]
     with pytest.raises(
-        ValueError, match=r"no messages of JointState.*/chat \(String\)"
+        ValueError, match=r"no messages of JointState.*/chat \(std_msgs/String\)"
     ):
         read(logs.write_mcap(tmp_path / "chat.mcap", chat))
+
+
+def state(time, effort=(), stamp=None):
+    """Joint states of both joints."""
+    stamp = logs.START + time if stamp is None else stamp
+    value = {
+        "header": logs.header(stamp), "name": list(logs.JOINTS),
+        "position": logs.angles(time), "velocity": [], "effort": effort,
+    }  # fmt: skip
+    return "/joint_states", "sensor_msgs/msg/JointState", time, value
+
+
+def numbers(topic, time, values):
+    """An array of numbers."""
+    said = {"layout": {"dim": [], "data_offset": 0}, "data": values}
+    return topic, "std_msgs/msg/Float64MultiArray", time, said
+
+
+def path(topic, time, points, speeds=None, stamp=0.0):
+    """A trajectory of points (s, two angles), stamped "now" unless told."""
+    said = [
+        {"positions": list(angles), "velocities": [] if speeds is None else speeds[k],
+         "accelerations": [], "effort": [],
+         "time_from_start": {"sec": int(after), "nanosec": round(after % 1 * 1e9)}}
+        for k, (after, *angles) in enumerate(points)
+    ]  # fmt: skip
+    said = {"header": logs.header(stamp), "joint_names": list(logs.JOINTS),
+            "points": said}  # fmt: skip
+    return topic, "trajectory_msgs/msg/JointTrajectory", time, said
+
+
+SEEN = [state(time) for time in logs.SEEN]
+
+
+def written(where, *more, seen=SEEN):
+    """The source of a log of joint states and more."""
+    every = sorted([*seen, *more], key=lambda each: each[2])
+    return read(logs.write_mcap(where / "log.mcap", every))
+
+
+def test_a_trajectory_is_a_command_whatever_its_topic_is_called(tmp_path):
+    sent = [path("/a_first/joint_trajectory", t, [(0.0, t, -t)]) for t in logs.SENT]
+    skin = [numbers("/tactile/pressure", t, [3.0, 4.0]) for t in logs.SENT]
+    source = written(tmp_path, *sent, *skin)
+    topic = "/a_first/joint_trajectory/position.hip"
+    assert source.draft["command.hip"] == {"from": topic}
+    assert source.draft["position.hip"] == {"from": "/joint_states/position.hip"}
+    assert any("/tactile/pressure: taken for no commands" in n for n in source.notes)
+
+
+@pytest.mark.parametrize(("topic", "count", "unit", "note"), [
+    ("/effort_controller/commands", 2, "N m", "commands in N m of hip, Knöchel, the o"),
+    ("/position/commands", 2, "rad", "commands in rad of hip, Knöchel, the order"),
+    ("/velocity/commands", 2, None, "no commands that gatjax reads"),
+    ("/wrist/commands", 1, None, "has 1 numbers for 2 joints"),
+    ("/tactile", 2, None, "its name does not say so"),
+])  # fmt: skip
+def test_numbers_without_names_are_commands_only_if_their_topic_says_so(
+    tmp_path, topic, count, unit, note
+):
+    sent = [numbers(topic, time, [time] * count) for time in logs.SENT]
+    source = written(tmp_path, *sent)
+    assert note in " ".join(source.notes)
+    found = source.draft.get("command.Knöchel")
+    assert found == (unit and {"from": f"{topic}/data.1", "unit": unit})
+
+
+def test_a_byte_that_flipped_is_noticed(tmp_path):
+    whole = bytearray(logs.write_mcap(tmp_path / "a.mcap", SEEN).read_bytes())
+    whole[len(whole) // 3] ^= 1
+    (tmp_path / "a.mcap").write_bytes(whole)
+    with pytest.raises(ValueError, match=r"a\.mcap: broken after \d+ of"):
+        read(tmp_path / "a.mcap")
+
+
+def test_a_signal_without_a_number_is_left_out_and_told(tmp_path):
+    nothing = [np.nan, np.nan]
+    source = written(tmp_path, seen=[state(t, nothing) for t in logs.SEEN])
+    assert "torque.hip" not in source.draft
+    assert any("effort.hip left out, none of it" in note for note in source.notes)
+
+
+def test_a_path_is_commanded_between_its_points_and_ends_where_the_next_begins(
+    tmp_path,
+):
+    first = path("/goal", 0.0, [(0.0, 0.0, 0.0), (1.0, 1.0, 0.0), (2.0, 1.0, 1.0)])
+    still = [[0.0, 0.0]] * 2
+    second = path("/goal", 0.5, [(0.0, 0.5, 0.0), (1.0, 0.0, 0.0)], still)
+    source = written(tmp_path, first, second)
+    stream = source.runs[0]["/goal/position.hip"]
+    time = stream.time - stream.time[0]
+    cubic = 0.5 * (1.0 - 3.0 * (time - 0.5) ** 2 + 2.0 * (time - 0.5) ** 3)
+    expected = np.where(time < 0.5 - 1e-6, time, cubic)
+    np.testing.assert_allclose(stream.values, expected, atol=1e-5)
+    assert time[-1] == pytest.approx(1.5, abs=1e-5) and len(time) == 151
+    assert any("are joined as a ros2_control controller does" in n
+               for n in source.notes)  # fmt: skip
+
+
+def test_arrays_that_differ_in_length_cost_no_more_than_themselves(tmp_path):
+    odd = [numbers("/commands", t, [t] * (2 + (t > 1.0))) for t in logs.SENT]
+    source = written(tmp_path, *odd)
+    assert "position.hip" in source.draft and "command.hip" not in source.draft
+    assert any("/commands/data left out, its messages differ" in n
+               for n in source.notes)  # fmt: skip
+
+
+def test_a_type_of_the_same_name_of_another_package_is_not_read(tmp_path):
+    schema = "float64 value"
+    with (tmp_path / "log.mcap").open("wb") as file:
+        writer = logs.McapWriter(file)
+        kind = writer.register_msgdef("my_msgs/msg/Imu", schema)
+        writer.write_message("/imu", kind, {"value": 1.0}, 1, 1)
+        writer.finish()
+    with pytest.raises(ValueError, match=r"it has /imu \(my_msgs/Imu\)"):
+        read(tmp_path / "log.mcap")
+
+
+def test_every_clock_is_brought_to_that_of_the_joint_states(tmp_path):
+    simulated = [state(t, stamp=100.0 + t) for t in logs.SEEN]
+    goals = [path("/goal", t, [(0.0, t, t)]) for t in logs.SENT]
+    later = path("/plan", 1.0, [(0.0, 0.0, 0.0)], stamp=106.0)
+    turned = [("/imu", "sensor_msgs/msg/Imu", t, logs.imu(t, logs.START - 7.0))
+              for t in logs.SEEN]  # fmt: skip
+    source = written(tmp_path, *goals, *turned, later, seen=simulated)
+    run = source.runs[0]
+    begins = {name: run[name].time[0] for name in (
+        "/joint_states/position.hip", "/goal/position.hip", "/imu/gyro.z",
+        "/plan/position.hip")}  # fmt: skip
+    seen = begins["/joint_states/position.hip"]
+    assert seen - begins["/goal/position.hip"] == pytest.approx(0.013, abs=1e-4)
+    assert begins["/imu/gyro.z"] - seen == pytest.approx(0.0, abs=1e-4)
+    assert begins["/plan/position.hip"] - seen == pytest.approx(5.987, abs=1e-4)
+    assert sum("moved by" in note for note in source.notes) == 2

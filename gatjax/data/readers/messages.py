@@ -12,12 +12,24 @@ from typing import Any
 
 import numpy as np
 
+from gatjax.data.readers.goals import path_of
 from gatjax.data.readers.source import Run, Stream
 
 JOINT_STATE, TRAJECTORY = "JointState", "JointTrajectory"
 ARRAY, IMU = "Float64MultiArray", "Imu"
-KNOWN = (JOINT_STATE, TRAJECTORY, ARRAY, IMU)
+KNOWN = {
+    "sensor_msgs/JointState": JOINT_STATE,
+    "trajectory_msgs/JointTrajectory": TRAJECTORY,
+    "std_msgs/Float64MultiArray": ARRAY,
+    "sensor_msgs/Imu": IMU,
+}
 APART = 1.0  # s between two clocks: more is no delay of messages
+
+
+def kind_of(schema: str) -> str:
+    """The short name of a type that is read; package and name of another one."""
+    name = f"{schema.partition('/')[0]}/{schema.rpartition('/')[2]}"
+    return KNOWN.get(name, name if "/" in schema else schema)
 
 
 class Collector:
@@ -27,80 +39,122 @@ class Collector:
         """Nothing is kept yet."""
         self.times: dict[str, array[float]] = {}  # of each group of signals
         self.values: dict[str, dict[str, array[float]]] = {}
+        self.kinds: dict[str, str] = {}  # of each group: the type of its messages
         self.unknown: dict[str, int] = {}
-        self.behind = math.inf  # s, least time from a header's stamp to the log's
-        self.bare: set[str] = set()  # groups whose messages have no header
+        self.behind: dict[str, float] = {}  # s, least from header's stamp to log's
+        self.bare: set[str] = set()  # groups whose messages have no stamp
+        self.uneven: set[str] = set()  # groups of arrays that differ in length
+        self.joined: set[str] = set()  # groups of paths with points far apart
 
-    def add(self, group: str, time: float, sample: dict[str, float]) -> None:
-        """Keep a sample of signals that share their stamps.
-
-        Raises:
-            ValueError: one line: the signals of the group are others than before.
-        """
+    def add(self, group: str, kind: str, time: float, said: dict[str, float]) -> None:
+        """Keep a sample of signals that share their stamps."""
+        self.kinds[group] = kind
         times = self.times.setdefault(group, array("d"))
-        values = self.values.setdefault(group, {name: array("d") for name in sample})
-        if values.keys() != sample.keys():
-            raise ValueError(
-                f"message {len(times) + 1} of {group} is about {', '.join(sample)}, "
-                f"those before about {', '.join(values)}"
-            )
+        values = self.values.setdefault(group, {name: array("d") for name in said})
+        if values.keys() != said.keys():
+            self.uneven.add(group)
+            return
         times.append(time)
-        for name, value in sample.items():
+        for name, value in said.items():
             values[name].append(value)
 
     def take(self, topic: str, kind: str, logged: float, body: Any) -> None:
         """Keep what a message says."""
         stamp = _stamp(body)
-        time = stamp or logged
-        if stamp:
-            self.behind = min(self.behind, logged - stamp)
         if kind == JOINT_STATE:
             for field in ("position", "velocity", "effort"):
                 said = dict(zip(body.name, getattr(body, field), strict=False))
                 if said:
-                    who = ",".join(said)  # several drivers may share a topic
-                    self.add(f"{topic}/{field}.{who}", time, _named(topic, field, said))
+                    group = f"{topic}/{field}.{','.join(said)}"  # drivers share topics
+                    self._stamped(group, stamp, logged)
+                    named = _named(topic, field, said)
+                    self.add(group, kind, stamp or logged, named)
         elif kind == TRAJECTORY:
-            for point in body.points:
-                ahead = point.time_from_start.sec + 1e-9 * point.time_from_start.nanosec
-                said = dict(zip(body.joint_names, point.positions, strict=False))
-                who = ",".join(said)
-                named = _named(topic, "position", said)
-                self.add(f"{topic}/position.{who}", time + ahead, named)
+            self._take_path(topic, stamp, logged, body)
         elif kind == ARRAY:
             said = {str(k): value for k, value in enumerate(body.data)}
             self.bare.add(f"{topic}/data")
-            self.add(f"{topic}/data", logged, _named(topic, "data", said))
+            self.add(f"{topic}/data", kind, logged, _named(topic, "data", said))
         elif kind == IMU:
             rate, size = body.angular_velocity, body.linear_acceleration
             said = _named(topic, "gyro", {a: getattr(rate, a) for a in "xyz"})
             said |= _named(topic, "accelerometer", {a: getattr(size, a) for a in "xyz"})
-            self.add(topic, time, said)
+            self._stamped(topic, stamp, logged)
+            self.add(topic, kind, stamp or logged, said)
         else:
             unknown = f"{topic} ({kind})"
             self.unknown[unknown] = self.unknown.get(unknown, 0) + 1
 
-    def run(self, path: Path) -> tuple[Run, list[str]]:
-        """All signals from the first stamp on, s, and what was done to their clocks."""
-        notes, late = [], 0.0
-        if self.bare and abs(self.behind) > APART and math.isfinite(self.behind):
-            late = self.behind
-            notes.append(
-                f"{path}: headers are stamped {late:.6g} s before they were logged; "
-                f"they were moved, for {', '.join(sorted(self.bare))} has no header"
-            )
-        first = min(
-            (t[0] - (late if g in self.bare else 0.0) for g, t in self.times.items()),
-            default=0.0,
-        )
+    def _take_path(self, topic: str, stamp: float, logged: float, body: Any) -> None:
+        """Keep a path; what is left of the one before ends where it begins."""
+        group = f"{topic}/position.{','.join(body.joint_names)}"
+        path = path_of(body)
+        if len(path.time) == 0:
+            return
+        if path.filled:
+            self.joined.add(group)
+        if not stamp:
+            self.bare.add(group)
+        time = (stamp or logged) + path.time
+        kept = self.times.get(group, array("d"))
+        old = next((k for k in range(len(kept), 0, -1) if kept[k - 1] < time[0]), 0)
+        for series in (kept, *self.values.get(group, {}).values()):
+            del series[old:]
+        for when, row in zip(time, path.position, strict=True):
+            said = dict(zip(body.joint_names, row, strict=False))
+            named = _named(topic, "position", said)
+            self.add(group, TRAJECTORY, float(when), named)
+
+    def _stamped(self, group: str, stamp: float, logged: float) -> None:
+        """Notice how far a clock is behind that of the log."""
+        if stamp:
+            late = min(self.behind.get(group, math.inf), logged - stamp)
+            self.behind[group] = late
+        else:
+            self.bare.add(group)
+
+    def clocks(self, path: Path) -> tuple[dict[str, float], list[str]]:
+        """What to add to the stamps of each group, s, so that all are of one clock."""
+        states = [late for group, late in self.behind.items()
+                  if self.kinds[group] == JOINT_STATE]  # fmt: skip
+        usual = min(states or self.behind.values(), default=0.0)
+        moves, notes = {}, []
+        for group in self.times:
+            late = 0.0 if group in self.bare else self.behind.get(group, usual)
+            if abs(late - usual) > APART:
+                moves[group] = late - usual
+                notes.append(
+                    f"{path}: {group} moved by {late - usual:.6g} s: joint states are "
+                    f"stamped {usual:.6g} s before they were logged, it {late:.6g} s"
+                )
+        return moves, notes
+
+    def run(self, path: Path) -> tuple[Run, dict[str, str], list[str]]:
+        """All signals from the first stamp on, s; their types; what was done."""
+        moves, notes = self.clocks(path)
+        notes += [
+            f"{path}: {group} left out, its messages differ in length"
+            for group in sorted(self.uneven)
+        ]
+        notes += [
+            f"{path}: points of {group} are joined as a ros2_control controller does: "
+            f"straight, or by cubics where speeds are given"
+            for group in sorted(self.joined)
+        ]
         out: Run = {}
-        for group, times in self.times.items():
-            moved = first + late if group in self.bare else first
-            clock = np.frombuffer(times) - moved
+        kinds: dict[str, str] = {}
+        used = {g: t for g, t in self.times.items() if len(t) and g not in self.uneven}
+        first = min((t[0] + moves.get(g, 0.0) for g, t in used.items()), default=0.0)
+        for group, times in used.items():
+            clock = np.frombuffer(times) - (first - moves.get(group, 0.0))
             for name, values in self.values[group].items():
                 stream = Stream(clock, np.frombuffer(values))
+                if not np.isfinite(stream.values).any():
+                    notes.append(f"{path}: {name} left out, none of it is a number")
+                    continue
+                kinds[name] = self.kinds[group]
                 out[name] = _merged(out[name], stream) if name in out else stream
-        return out, notes
+        return out, kinds, notes
 
 
 def _merged(one: Stream, other: Stream) -> Stream:

@@ -6,15 +6,22 @@ by topic; a message is stamped by its header, by its log time where it has none.
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from gatjax.data.readers.messages import KNOWN, Collector
+from gatjax.data.readers.messages import (
+    ARRAY,
+    KNOWN,
+    TRAJECTORY,
+    Collector,
+    kind_of,
+)
 from gatjax.data.readers.source import Source, Tell
 
 COMMANDING = ("command", "cmd", "target", "goal", "desired", "reference")
+MEANT = {"effort": "N m", "torque": "N m", "volt": "V", "velocity": "", "speed": ""}
+"""Units of commands by words in the names of their topics."""
 Message = tuple[str, str, float, Any]  # topic, type without package, log time s, body
 
 
@@ -43,31 +50,35 @@ def _source(path: Path, kind: str, messages: Iterator[Message]) -> Source:
         try:
             found.take(topic, name, logged, body)
         except (TypeError, ValueError) as error:
-            raise ValueError(f"{path}: {error}") from error
+            raise ValueError(f"{path}: {topic}: {error}") from error
     notes = [
         f"{path}: {count} messages of {topic} left out, their type is not read"
         for topic, count in found.unknown.items()
     ]
-    run, moved = found.run(path)
+    run, kinds, done = found.run(path)
     if not run:
         seen = ", ".join(found.unknown) or "no message at all"
-        raise ValueError(f"{path}: no messages of {', '.join(KNOWN)}; it has {seen}")
-    metadata = {"robot": path.stem}
-    return Source(str(path), kind, [run], draft(list(run)), metadata, moved + notes)
+        raise ValueError(
+            f"{path}: no messages of {', '.join(KNOWN.values())}; it has {seen}"
+        )
+    columns, taken = draft(kinds)
+    notes = [*done, *notes, *(f"{path}: {note}" for note in taken)]
+    return Source(str(path), kind, [run], columns, {"robot": path.stem}, notes)
 
 
-def draft(names: list[str]) -> dict[str, dict[str, Any]]:
-    """Columns that the names of topics and fields suggest.
+def draft(kinds: dict[str, str]) -> tuple[dict[str, dict[str, Any]], list[str]]:
+    """Columns that types, topics and fields suggest, and what was taken for granted.
 
-    Numbered commands take the joints' names in the order of the joint states.
+    Args:
+        kinds: type of message of each signal.
     """
     out: dict[str, dict[str, Any]] = {}
     plain = {"velocity": "velocity", "effort": "torque"}
     joints: list[str] = []
-    for name in names:
+    for name, kind in kinds.items():
         topic, _, last = name.rpartition("/")
         field, _, joint = last.partition(".")
-        commanding = any(word in topic.lower() for word in COMMANDING)
+        commanding = kind == TRAJECTORY or _commanding(topic)
         if field == "position":
             family = "command" if commanding else "position"
             out.setdefault(f"{family}.{joint}", {"from": name})
@@ -76,26 +87,56 @@ def draft(names: list[str]) -> dict[str, dict[str, Any]]:
             out.setdefault(f"{plain[field]}.{joint}", {"from": name})
         elif field in ("gyro", "accelerometer"):
             out.setdefault(f"{field}.{joint}", {"from": name})
-    for name in names:
-        last = name.rpartition("/")[2]
-        if last.startswith("data.") and int(last[5:]) < len(joints):
-            out.setdefault(f"command.{joints[int(last[5:])]}", {"from": name})
-    return out
+    notes = []
+    numbers: dict[str, list[str]] = {}
+    for name, kind in kinds.items():
+        if kind == ARRAY:
+            numbers.setdefault(name.rpartition("/")[0], []).append(name)
+    for topic, names in numbers.items():
+        notes.append(f"{topic}: {_numbered(topic, names, joints, out)}")
+    return out, notes
+
+
+def _commanding(topic: str) -> bool:
+    """Whether the name of a topic says that it commands."""
+    return any(word in topic.lower() for word in COMMANDING)
+
+
+def _numbered(
+    topic: str, names: list[str], joints: list[str], out: dict[str, dict[str, Any]]
+) -> str:
+    """Numbers without names as commands, if they can be nothing else; in words."""
+    mend = "name its numbers in the map if they are"
+    if not _commanding(topic):
+        return f"taken for no commands, its name does not say so; {mend}"
+    unit = next((u for word, u in MEANT.items() if word in topic.lower()), "rad")
+    if not unit:
+        return f"no commands that gatjax reads, by its name; {mend}"
+    if len(names) != len(joints):
+        return f"has {len(names)} numbers for {len(joints)} joints; {mend} of some"
+    if any(f"command.{joint}" in out for joint in joints):
+        return f"left out, there are other commands; {mend}"
+    for name, joint in zip(names, joints, strict=True):
+        out[f"command.{joint}"] = {"from": name, "unit": unit}
+    return (
+        f"taken for commands in {unit} of {', '.join(joints)}, the order of the joint "
+        f"states; correct the map if it is another one"
+    )
 
 
 def _mcap(path: Path, tell: Tell) -> Iterator[Message]:
     """Messages of an MCAP file."""
-    from mcap.exceptions import McapError
     from mcap.reader import make_reader
     from mcap_ros2.decoder import DecoderFactory
 
     size, factory = path.stat().st_size, DecoderFactory()
     with path.open("rb") as file:
         try:
-            for schema, channel, message in make_reader(file).iter_messages():
-                kind = "" if schema is None else schema.name.rpartition("/")[2]
+            reader = make_reader(file, validate_crcs=True)
+            for schema, channel, message in reader.iter_messages():
+                kind = "" if schema is None else kind_of(schema.name)
                 body = None
-                if kind in KNOWN:
+                if kind in KNOWN.values():
                     decode = factory.decoder_for(channel.message_encoding, schema)
                     if decode is None:
                         kind += f", {channel.message_encoding or 'not'} encoded"
@@ -103,7 +144,7 @@ def _mcap(path: Path, tell: Tell) -> Iterator[Message]:
                         body = decode(message.data)
                 yield channel.topic, kind, 1e-9 * message.log_time, body
                 tell(file.tell() / size)
-        except (McapError, EOFError, OSError, struct.error) as error:
+        except Exception as error:  # of foreign bytes, by several libraries
             line = " ".join(str(error).split()) or type(error).__name__
             raise ValueError(
                 f"{path}: broken after {file.tell()} of {size} bytes ({line}); "
@@ -113,21 +154,20 @@ def _mcap(path: Path, tell: Tell) -> Iterator[Message]:
 
 def _bag(path: Path, tell: Tell) -> Iterator[Message]:
     """Messages of a rosbag2 folder."""
-    from rosbags.highlevel import AnyReader, AnyReaderError
+    from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
     store, done = get_typestore(Stores.LATEST), 0
     try:
         with AnyReader([path], default_typestore=store) as bag:
             for connection, logged, raw in bag.messages():
-                kind = connection.msgtype.rpartition("/")[2]
-                body = (
-                    bag.deserialize(raw, connection.msgtype) if kind in KNOWN else None
-                )
+                kind, body = kind_of(connection.msgtype), None
+                if kind in KNOWN.values():
+                    body = bag.deserialize(raw, connection.msgtype)
                 yield connection.topic, kind, 1e-9 * logged, body
                 done += 1
                 tell(done / bag.message_count)
-    except (AnyReaderError, OSError, KeyError, struct.error) as error:
+    except Exception as error:  # of foreign bytes, by several libraries
         line = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(
             f"{path}: broken after {done} messages ({line}); try `ros2 bag reindex`"
