@@ -112,3 +112,14 @@ def test_a_map_may_name_everything(tmp_path, brought):
     code, *_, out = brought(tmp_path / "log.parquet", "--map", tmp_path / "map.yaml")
     assert code == 0
     np.testing.assert_allclose(read_recording(out).time, 2.0 * logs.SEEN)
+
+
+def test_what_stands_at_an_end_and_what_is_not_there_is_told(tmp_path, brought):
+    wave = np.clip(np.sin(4.0 * logs.SEEN), -0.5, 1.0)
+    table = {"time": logs.SEEN, "position.a": wave, "command.a": np.sin(logs.SEEN),
+             "velocity.a": np.cos(logs.SEEN)}  # fmt: skip
+    parquet.write_table(pa.table(table), tmp_path / "log.parquet")
+    _, said, *_ = brought(tmp_path / "log.parquet")
+    assert f"{np.mean(wave == -0.5):.0%} at its least" in said
+    assert "at its largest" not in said
+    assert "not there: torque, current, temperature, stiffness, gyro" in said

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from gatjax.data.checks import findings, same_commands, same_data, summary, trusted
+from gatjax.data.finding import Finding
 from gatjax.data.recording import Recording
 from gatjax.data.sampling import after_gaps
 
@@ -424,6 +425,15 @@ def test_motions_that_only_begin_alike_share_no_data():
         for name, values in other.columns.items()
     }
     assert same_data([one], [changed(other, **alike)]) is None
+
+
+def test_summary_tells_many_findings_of_a_kind_by_their_number():
+    one = Finding("warning", "starts", "moves", {})
+    log = Recording("log", np.zeros(0), np.zeros(0, int), {}, {})
+    rows = summary([(log, [one] * 9), (log._replace(name="other"), [one])])
+    assert [row["text"] for row in rows] == [
+        "moves", "moves", "moves (and 6 more of this kind)", "moves"
+    ]  # fmt: skip
 
 
 def test_summary_puts_the_gravest_first():

@@ -105,3 +105,51 @@ def test_a_draft_that_knows_nothing_shows_how_it_is_done():
     text = drafts.text([source(PLAIN)])
     assert "# position.JOINT: {from: SIGNAL, unit: rad" in text
     assert yaml.safe_load(text) == {"columns": None}
+
+
+def test_no_signal_is_carried_on_beyond_its_own_stamps():
+    inside = (FAST > 0.2) & (FAST < 0.6)
+    some = FAST[inside]
+    log = run(command_a=(SLOW, SLOW), command_b=(SLOW, SLOW), position_a=(FAST, FAST),
+              position_b=(some, some), velocity_a=(FAST[:40], FAST[:40]))  # fmt: skip
+    made = readers.assemble(source(log))
+    np.testing.assert_allclose(made.recording.time, FAST[15:57])
+    told = " ".join(made.notes)
+    assert "15 rows before the first position.b left out" in told
+    assert "39 rows after the last position.b left out" in told
+    assert "velocity.a: left out, from 0.045 to 0.435 s only" in told
+    assert "velocity.a" not in made.recording.columns
+
+
+def test_a_command_that_ends_long_before_the_log_is_told():
+    time = np.arange(0.0, 5.0, 0.01)
+    made = readers.assemble(
+        source(run(command_a=(SLOW, SLOW), position_a=(time, time)))
+    )
+    assert "nothing in the last 4.09 s, where the last one is held" in made.notes[0]
+    assert made.recording.columns["command.a"][-1] == SLOW[-1]
+
+
+def test_signals_that_never_meet_are_refused_with_their_times():
+    log = run(command_a=(SLOW + 7.0, SLOW), position_a=(FAST, FAST))
+    with pytest.raises(ValueError, match=r"command\.a begins at 7 s, position\.a ends"):
+        readers.assemble(source(log))
+
+
+def test_joined_logs_say_only_what_all_of_them_say():
+    parts = [
+        readers.assemble(source(PLAIN)).recording._replace(metadata=facts)
+        for facts in ({"robot": "x", "mass": "1.0", "base": "fixed"},
+                      {"robot": "y", "mass": "2.0", "base": "fixed"})
+    ]  # fmt: skip
+    told = readers.joined(parts, "all").metadata
+    assert told == {"robot": "x", "base": "fixed"}
+
+
+def test_what_is_dropped_is_dropped_by_either_name():
+    raw = {"motor": Stream(FAST, FAST), "goal": Stream(SLOW, SLOW),
+           "load": Stream(FAST, FAST)}  # fmt: skip
+    columns = {"position.a": "motor", "command.a": "goal", "torque.a": "load"}
+    told = column_map({"columns": columns, "drop": ["torque.*"]}, "map")
+    made = readers.assemble(source(raw), told)
+    assert set(made.recording.columns) == {"position.a", "command.a"}

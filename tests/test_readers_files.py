@@ -211,6 +211,19 @@ def test_episodes_of_a_dataset_are_runs(lerobot):
     np.testing.assert_allclose(sent, 2.0 * TIME, atol=1e-6)
 
 
+def test_actions_belong_to_the_states_that_are_called_like_them(lerobot):
+    file = lerobot / "meta" / "info.json"
+    info = json.loads(file.read_text())
+    info["features"]["action"]["names"] = {"motors": ["grip.pos", "pan.pos"]}
+    file.write_text(json.dumps(info))
+    made = readers.assemble(read(lerobot)).recording
+    sent = np.rad2deg(made.columns["command.grip"][:51])  # the first of the actions
+    np.testing.assert_allclose(sent, 2.0 * TIME, atol=1e-6)
+    info["features"]["action"]["names"] = {"motors": ["a", "b"]}
+    file.write_text(json.dumps(info))
+    assert "taken in their order" in read(lerobot).notes[0]
+
+
 def test_a_dataset_without_its_data_says_so(lerobot):
     for file in lerobot.rglob("*.parquet"):
         file.unlink()

@@ -170,7 +170,7 @@ def test_a_trajectory_is_a_command_whatever_its_topic_is_called(tmp_path):
     ("/effort_controller/commands", 2, "N m", "commands in N m of hip, Knöchel, the o"),
     ("/position/commands", 2, "rad", "commands in rad of hip, Knöchel, the order"),
     ("/velocity/commands", 2, None, "no commands that gatjax reads"),
-    ("/wrist/commands", 1, None, "has 1 numbers for 2 joints"),
+    ("/wrist/commands", 1, None, "as many as 1 for 2 joints: not used"),
     ("/tactile", 2, None, "its name does not say so"),
 ])  # fmt: skip
 def test_numbers_without_names_are_commands_only_if_their_topic_says_so(

@@ -11,7 +11,7 @@ import numpy as np
 from gatjax.cli.arguments import Import
 from gatjax.cli.progress import shown
 from gatjax.data import checks, readers
-from gatjax.data.mapping import ColumnMap, read_map
+from gatjax.data.mapping import JOINT_FAMILIES, ColumnMap, read_map
 from gatjax.data.readers import drafts
 from gatjax.data.recording import (
     Recording,
@@ -23,6 +23,7 @@ from gatjax.report.recording import draw_recording
 from gatjax.runs import Progress, make_folder, write_whole
 
 LOOKED_AT = 100_000  # rows; checks of longer recordings take their time and memory
+RESTS, FEW = 0.05, 20  # share of samples at an end that is told; values beside it
 OFTEN = 10.0  # s between lines of progress in a log
 
 
@@ -39,8 +40,9 @@ def bring(verb: Import) -> None:
     given = None if verb.map is None else read_map(verb.map)
     make_folder(verb.out.parent)
     recording = _read(verb, given)
+    _tell_missing(recording)
     joints = [c[9:] for c in recording.columns if c.startswith("position.")]
-    check_recording(recording, joints)
+    check_recording(_called_as(recording, verb.logs), joints)
     write_recording(verb.out, recording)
     _judge(recording, joints)
     picture = verb.out.with_suffix(".png")
@@ -78,12 +80,22 @@ def _read(verb: Import, given: ColumnMap | None) -> Recording:
     made = [readers.assemble(each, given) for each in sources]
     for note in dict.fromkeys(note for each in made for note in each.notes):
         print(f"note: {note}")
-    recording = readers.joined([each.recording for each in made], str(verb.out))
-    every = {column for each in made for column in each.recording.columns}
+    parts = [each.recording for each in made]
+    recording = readers.joined(parts, str(verb.out))
+    every = {column for each in parts for column in each.columns}
     partly = sorted(every - set(recording.columns))
     if partly:
         print(f"note: left out, not in every log: {', '.join(partly)}")
+    facts = {key for each in parts for key in each.metadata}
+    differ = sorted(facts - set(recording.metadata))
+    if differ:
+        print(f"note: not the same in every log, so left out: {', '.join(differ)}")
     return recording
+
+
+def _called_as(recording: Recording, logs: tuple[Path, ...]) -> Recording:
+    """The recording by the names of its logs, for it is not written yet."""
+    return recording._replace(name=f"{', '.join(map(str, logs))}, as imported")
 
 
 def _rows_of(given: ColumnMap | None) -> readers.Given:
@@ -132,7 +144,19 @@ def _facts(stream: readers.Stream, scale: float) -> str:
     least = f", steps of {apart.min():.3g} or more" if len(apart) else ", constant"
     said = f"{len(stream.time)} samples, {rate}"
     said += f", {gaps} gap{'s' * (gaps > 1)}" if gaps else ""
-    return f"{said}, {finite.min():.4g} to {finite.max():.4g}{least}"
+    low, high = finite.min(), finite.max()
+    rest = [f", {share:.0%} at its {name}" for name, share in (
+        ("least", np.mean(finite == low)), ("largest", np.mean(finite == high)),
+    ) if share > RESTS and len(apart) > FEW]  # fmt: skip
+    return f"{said}, {low:.4g} to {high:.4g}{least}{''.join(rest)}"
+
+
+def _tell_missing(recording: Recording) -> None:
+    """Print what the logs do not have, of what a recording may."""
+    families = {column.partition(".")[0] for column in recording.columns}
+    missing = [name for name in (*JOINT_FAMILIES, "gyro") if name not in families]
+    if missing:
+        print(f"not there: {', '.join(missing)}")
 
 
 def _write_draft(path: Path, sources: list[readers.Source]) -> None:

@@ -7,6 +7,7 @@ effects, motion enough, and columns that mean what their names say.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Literal, TypeAlias
 
@@ -24,6 +25,7 @@ __all__ = [
 
 Role: TypeAlias = Literal["fit", "held-out"]
 
+ALIKE = 3  # findings of one kind in a file that are told one by one
 GRAVEST = ("refuse", "warning", "info")
 COLUMNS = ("swapped", "sign")  # what they explain looks like other faults as well
 COPIED = 50  # rows in a row that two recordings cannot share by chance
@@ -154,13 +156,21 @@ def summary(
     """The findings of several files as `data_checks` of diagnosis.json.
 
     Returns:
-        A dict with file, level, check and text for each, the gravest first.
+        A dict with file, level, check and text for each, the gravest first; of many
+        of one kind in a file the first ones and their number.
     """
-    rows = [
-        {"file": recording.name, "level": f.level, "check": f.check, "text": f.text}
-        for recording, own in checked
-        for f in own
-    ]
+    rows, told = [], Counter()
+    every = Counter((r.name, f.level, f.check) for r, own in checked for f in own)
+    for recording, own in checked:
+        for f in own:
+            kind = recording.name, f.level, f.check
+            told[kind] += 1
+            if told[kind] > ALIKE:
+                continue
+            more = every[kind] - ALIKE if told[kind] == ALIKE else 0
+            text = f"{f.text} (and {more} more of this kind)" if more > 0 else f.text
+            rows.append({"file": recording.name, "level": f.level, "check": f.check,
+                         "text": text})  # fmt: skip
     return sorted(rows, key=lambda row: GRAVEST.index(row["level"]))
 
 

@@ -204,19 +204,20 @@ def resolve(mapping: ColumnMap, names: Sequence[str], file: str) -> dict[str, En
         ValueError: an entry whose source the log lacks, or two sources for one column.
     """
     where = f"{mapping.name}, used on {file}"
-    found = {key: e for key, e in mapping.entries.items() if "*" not in key}
+    found = {
+        key: e for key, e in mapping.entries.items()
+        if "*" not in key and not _dropped(key, mapping)
+    }  # fmt: skip
     for entry in found.values():
         if entry.source not in names:
             raise ValueError(_lacks(where, entry.source, names))
     taken = {entry.source for entry in found.values()}
-    left = [
-        name
-        for name in names
-        if name not in taken and not any(fnmatchcase(name, p) for p in mapping.drop)
-    ]
+    left = [name for name in names if name not in taken and not _dropped(name, mapping)]
     for name in left:
         starred = _starred(mapping.entries, name)
         target, entry = starred or (name, Entry(name, 1.0, 1.0, 0.0))
+        if _dropped(target, mapping):
+            continue
         if target in found:
             raise ValueError(
                 f"{where}: column {target!r} would come from both "
@@ -227,6 +228,11 @@ def resolve(mapping: ColumnMap, names: Sequence[str], file: str) -> dict[str, En
         if "*" in key and not any(fnmatchcase(n, entry.source) for n in names):
             raise ValueError(_lacks(where, entry.source, names))
     return found
+
+
+def _dropped(name: str, mapping: ColumnMap) -> bool:
+    """Whether `drop` lists a column, of the log or of the recording."""
+    return any(fnmatchcase(name, pattern) for pattern in mapping.drop)
 
 
 def to_si(entry: Entry, raw: np.ndarray) -> np.ndarray:

@@ -38,7 +38,9 @@ def read(path: Path, tell: Tell, given: Given | None = None) -> Source:
         kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
         raise ValueError(f"{path}: cannot be read: {kind}{line[:400]}") from error
     if not any(source.runs):
-        raise ValueError(f"{path}: has no signal; {'; '.join(source.notes)}")
+        raise ValueError(
+            f"{path}: no signal beside its time; {'; '.join(source.notes)}"
+        )
     tell(1.0)
     return source
 

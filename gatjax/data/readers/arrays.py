@@ -67,7 +67,7 @@ def of_arrays(
     joints = None if listed is None else [str(each) for each in np.ravel(listed)]
     run: Run = {}
     draft: dict[str, dict[str, Any]] = {}
-    left = []
+    left, taken = [], set[str]()
     for name, array in arrays.items():
         if name == stamps or name in NAMES:
             continue
@@ -83,7 +83,8 @@ def of_arrays(
         own = joints if joints and whole else numbered(count)
         run |= table(f"{name}.", own, time, array)
         family = _family(name)
-        if family and whole:  # other numbers than joints: a base, say
+        if whole and family and family not in taken:  # else a base, or another loop
+            taken.add(family)
             draft |= {f"{family}.{j}": {"from": f"{name}.{j}"} for j in own}
     notes = []
     if left:

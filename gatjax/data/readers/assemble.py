@@ -8,20 +8,19 @@ slower than the rows or stamped apart from them, which are interpolated and told
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from gatjax.data.mapping import ColumnMap, Entry, quantity_of, resolve, to_si
 from gatjax.data.readers.drafts import drafted
-from gatjax.data.readers.source import Run, Source, Stream
+from gatjax.data.readers.rows import Done, row_signals
+from gatjax.data.readers.source import Source, Stream
 from gatjax.data.recording import Recording, check_one_unit
 
-HELD = ("command.", "stiffness.")  # signals that hold until the next stamp
 ROWS = ("time", "trajectory")  # columns that a table's reader has used already
 CLOCK = Entry("time", 1.0, 1.0, 0.0)
 NAMED = 4  # signals or runs that a note names
-Done = dict[str, dict[str, None]]  # what was done, to which signals or in which runs
 
 
 class Assembled(NamedTuple):
@@ -52,7 +51,7 @@ def assemble(source: Source, mapping: ColumnMap | None = None) -> Assembled:
         where = f"{source.name}: run {number}"
         clear = {c: _in_si(run[e.source], e, clock) for c, e in entries.items()
                  if e.source in run}  # fmt: skip
-        rows.append(_rows(clear, where, done))
+        rows.append(row_signals(clear, where, done, list(run)))
     columns = _shared([set(found) for _, found in rows], done)
     recording = Recording(
         name=source.name,
@@ -105,8 +104,17 @@ def joined(parts: list[Recording], name: str) -> Recording:
         time=np.concatenate([each.time for each in parts]),
         trajectory=np.concatenate(ids),
         columns={c: np.concatenate([e.columns[c] for e in parts]) for c in shared},
-        metadata=parts[0].metadata,
+        metadata=_facts(parts),
     )
+
+
+def _facts(parts: list[Recording]) -> dict[str, Any]:
+    """What all recordings say of themselves; the robot is called as in the first."""
+    first, *others = (each.metadata for each in parts)
+    return {
+        key: value for key, value in first.items()
+        if key == "robot" or all(other.get(key) == value for other in others)
+    }  # fmt: skip
 
 
 def _check_alike(parts: list[Recording], shared: list[str]) -> None:
@@ -126,58 +134,6 @@ def _entries(mapping: ColumnMap, names: Sequence[str], file: str) -> dict[str, E
     spoken = {name: e for name, e in mapping.entries.items() if name not in ROWS}
     found = resolve(mapping._replace(entries=spoken), names, file)
     return {column: e for column, e in found.items() if quantity_of(column)}
-
-
-def _rows(run: Run, where: str, done: Done) -> tuple[np.ndarray, dict]:
-    """Time [N] s of the rows of a run, and its columns [N] each."""
-    positions = [name for name in run if name.startswith("position.")]
-    if not positions:
-        raise ValueError(
-            f"{where}: no position of any joint; correct the draft of a map that "
-            f"gatjax import writes, and give it as --map; it has {', '.join(run)}"
-        )
-    for name, stream in run.items():
-        _check_clock(stream.time, f"{where}, {name}")
-    clock = max((run[name].time for name in positions), key=len)
-    first = max(
-        (s.time[0] for n, s in run.items() if n.startswith(HELD)),
-        default=clock[0],
-    )
-    time = clock if clock[0] >= first else clock[clock >= first]
-    if len(time) < len(clock):
-        text = f"{len(clock) - len(time)} rows before the first command left out"
-        done.setdefault(text, {})[where.rpartition(": ")[2]] = None
-    if len(time) == 0:
-        raise ValueError(f"{where}: every command comes after the last position")
-    return time, {n: _at(time, n, s, done) for n, s in run.items()}
-
-
-def _at(time: np.ndarray, name: str, stream: Stream, done: Done) -> np.ndarray:
-    """A signal at the rows' stamps [N]."""
-    if stream.time is time or np.array_equal(stream.time, time):
-        return stream.values
-    at = np.minimum(np.searchsorted(stream.time, time), len(stream.time) - 1)
-    if np.array_equal(stream.time[at], time):
-        return stream.values[at]
-    rate = 1.0 / float(np.median(np.diff(stream.time))) if len(stream.time) > 1 else 0.0
-    if name.startswith(HELD):
-        done.setdefault(f"{rate:.3g} Hz, held until the next one", {})[name] = None
-        return stream.values[np.searchsorted(stream.time, time, side="right") - 1]
-    text = f"{rate:.3g} Hz, interpolated to the rows' stamps"
-    done.setdefault(text, {})[name] = None
-    return np.interp(time, stream.time, stream.values)
-
-
-def _check_clock(time: np.ndarray, where: str) -> None:
-    """Refuse stamps that stand still or run back."""
-    late = np.flatnonzero(np.diff(time) <= 0.0)
-    if late.size:
-        row = int(late[0]) + 1
-        raise ValueError(
-            f"{where}: sample {row + 1} is stamped {time[row]:g} s, the one before it "
-            f"{time[row - 1]:g} s; stamps must increase ({late.size} do not): sort or "
-            f"cut the log there"
-        )
 
 
 def _shared(found: list[set[str]], done: Done) -> list[str]:

@@ -44,13 +44,13 @@ def read(path: Path) -> Source:
     if not is_bam(tree):
         raise ValueError(f"{path}: a BAM log has a list 'entries'; this has none")
     rows, notes = tree["entries"], []
-    if len(rows) < 2:
-        raise ValueError(f"{path}: fewer than two rows")
+    if len(rows) < 2 or not all(isinstance(row, dict) for row in rows):
+        raise ValueError(f"{path}: 'entries' is no list of two rows or more")
     time = _column(rows, "timestamp", path)
     run = {
         name: Stream(time, _column(rows, name, path))
-        for name in rows[0]
-        if name not in ("timestamp", "torque_enable")
+        for name, value in rows[0].items()
+        if name not in ("timestamp", "torque_enable") and not isinstance(value, str)
     }
     on = np.array([bool(row.get("torque_enable", True)) for row in rows])
     if not on.all():

@@ -50,11 +50,16 @@ def read(path: Path) -> Source:
             | table("state.", names[STATE], time, whole[STATE][rows])
         )
     draft: dict[str, dict[str, Any]] = {}
-    for sent, seen in zip(names[ACTION], names[STATE], strict=False):
+    shared = [name for name in names[STATE] if name in names[ACTION]]
+    sent_as, seen_as = (shared, shared) if shared else (names[ACTION], names[STATE])
+    for sent, seen in zip(sent_as, seen_as, strict=False):
         joint = seen.removesuffix(".pos")
         draft[f"command.{joint}"] = {"from": f"action.{sent}", "unit": "deg"}
         draft[f"position.{joint}"] = {"from": f"state.{seen}", "unit": "deg"}
-    notes = [
+    notes = [] if shared else [
+        f"{path}: no action is called like a state; they are taken in their order"
+    ]  # fmt: skip
+    notes += [
         f"{path}: LeRobot does not say its units; the draft takes degrees, correct it "
         f"if the arm was calibrated to -100 ... 100 or to radians"
     ]

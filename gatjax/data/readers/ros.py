@@ -76,8 +76,7 @@ def draft(kinds: dict[str, str]) -> tuple[dict[str, dict[str, Any]], list[str]]:
     plain = {"velocity": "velocity", "effort": "torque"}
     joints: list[str] = []
     for name, kind in kinds.items():
-        topic, _, last = name.rpartition("/")
-        field, _, joint = last.partition(".")
+        topic, field, joint = _parts(name)
         commanding = kind == TRAJECTORY or _commanding(topic)
         if field == "position":
             family = "command" if commanding else "position"
@@ -91,10 +90,17 @@ def draft(kinds: dict[str, str]) -> tuple[dict[str, dict[str, Any]], list[str]]:
     numbers: dict[str, list[str]] = {}
     for name, kind in kinds.items():
         if kind == ARRAY:
-            numbers.setdefault(name.rpartition("/")[0], []).append(name)
+            numbers.setdefault(_parts(name)[0], []).append(name)
     for topic, names in numbers.items():
         notes.append(f"{topic}: {_numbered(topic, names, joints, out)}")
     return out, notes
+
+
+def _parts(name: str) -> tuple[str, str, str]:
+    """Topic, field and joint of a signal; joints may have slashes, topics no dots."""
+    head, _, joint = name.partition(".")
+    topic, _, field = head.rpartition("/")
+    return topic, field, joint
 
 
 def _commanding(topic: str) -> bool:
@@ -113,7 +119,7 @@ def _numbered(
     if not unit:
         return f"no commands that gatjax reads, by its name; {mend}"
     if len(names) != len(joints):
-        return f"has {len(names)} numbers for {len(joints)} joints; {mend} of some"
+        return f"as many as {len(names)} for {len(joints)} joints: not used; {mend}"
     if any(f"command.{joint}" in out for joint in joints):
         return f"left out, there are other commands; {mend}"
     for name, joint in zip(names, joints, strict=True):
