@@ -154,16 +154,18 @@ def of_dfki(out: Path) -> Iterator[Robot]:
 
 
 def of_so101(out: Path) -> Iterator[Robot]:
-    """The arm, known from half of its motions, told lies on the others."""
+    """The arm, known from its fit motions, told lies on the others, and vice versa."""
     (out / "so101").mkdir(parents=True, exist_ok=True)
     files = []
-    for half in so101.HALVES:
-        files.append(tuple(out / f"so101/{name}.parquet" for name in half))
-        for file, log in zip(files[-1], so101.logs(half), strict=True):
+    for names in ((*so101.HALVES[0], *so101.HALVES[1]), so101.HELD_OUT):
+        files.append(tuple(out / f"so101/{name}.parquet" for name in names))
+        for file, log in zip(files[-1], so101.logs(names), strict=True):
             write_recording(file, log)
-    limits = so101.TOLERANCES
+    wide, limits = so101.TOLERANCES, out / "so101/tolerances.json"
+    allowed = read_json(wide)
+    write_json(limits, {name: allowed[name] for name in ("schema", "angle")})
     for number, (first, then) in enumerate((files, files[::-1])):
-        given = ("--data", *map(str, first), "--tolerances", str(limits))
+        given = ("--data", *map(str, first), "--tolerances", str(wide))
         lies = {"unaltered": None} | ({} if number else of_arm())
         yield Robot(f"so101_{number}", so101.MODEL, given, then, 0.0201, lies, limits)
 
