@@ -52,3 +52,15 @@ def test_another_file_is_refused(tmp_path):
     write_json(tmp_path / "expected.json", {"schema": "gatjax.tolerances/1"})
     with pytest.raises(ValueError, match=SCHEMA):
         compare(RESULTS, tmp_path / "expected.json")
+
+
+def test_what_others_reached_stands_beside_a_figure(file):
+    row = {"value": 8.4, "within": 1.0, "anchors": {"M1": 9.5, "M3": 9}, "reach": "8"}
+    told = compare(RESULTS, file(arm__error__mrad=row, arm__count={"value": 3}))
+    head, _, first, second = (
+        [cell.strip() for cell in line.split("|")[1:-1]]
+        for line in told.table.splitlines()
+    )
+    assert head[4:] == ["others", "asked for"]
+    assert first[4:] == ["M1 9.5, M3 9", "8"] and second[4:] == ["", ""]
+    assert "others" not in compare(RESULTS, file(arm__count={"value": 3})).table

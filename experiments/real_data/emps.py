@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pictures import Panel, draw
 from scipy.io import loadmat
 from scipy.optimize import least_squares
 
@@ -127,6 +128,9 @@ def compared(out: Path, source: Path) -> dict[str, Any]:
     }
     model = fitted(volts, seen, slice(None) if later["fading"] < later["constant"]
                    else CONSTANT)  # fmt: skip
+    test = record(source / "DATA_EMPS_PULSES.mat")
+    draw([_panel("estimation record", model, volts, seen),
+          _panel("test record", model, *test)], 1, out / "emps.png")  # fmt: skip
     told = {
         "causes": [
             {"cause": row["cause"], "parameters": row["parameters"]}
@@ -135,7 +139,14 @@ def compared(out: Path, source: Path) -> dict[str, Any]:
         "model": dict(zip(NAMES, model.tolist(), strict=True)),
         "last_rounds_mm": later,
         "train_rmse_mm": error(model, volts, seen),
-        "test_rmse_mm": error(model, *record(source / "DATA_EMPS_PULSES.mat")),
+        "test_rmse_mm": error(model, *test),
     }
     write_json(file, told)
     return told
+
+
+def _panel(title: str, x: np.ndarray, volts: np.ndarray, seen: np.ndarray) -> Panel:
+    """A record played open loop, in the picture: mm."""
+    lines = {"measured": seen, "gatjax": played(x[:, None], volts, seen)[:, 0]}
+    time = STEP * np.arange(len(seen))
+    return Panel(title, time, {name: 1e3 * q for name, q in lines.items()}, "mm")

@@ -21,11 +21,12 @@ STYLE: dict[Any, Any] = {
 
 
 class Panel(NamedTuple):
-    """One joint in one held-out log: angles in degrees."""
+    """One joint in one held-out log."""
 
     title: str
     time: np.ndarray  # [N] s
     lines: Mapping[str, np.ndarray]  # [N] by name: measured, and what predicts it
+    unit: str = "degrees"
 
 
 def draw(panels: Sequence[Panel], columns: int, file: Path) -> None:
@@ -65,8 +66,8 @@ def _paint(panel: Panel, above: Axes, below: Axes) -> None:
         if name not in ("command", "measured")
     }
     words = ", ".join(f"{name} {value:.2f}" for name, value in errors.items())
-    above.set_title(f"{panel.title}\nrms error, degrees: {words}", fontsize=8)
-    above.set_ylabel("angle, degrees")
+    above.set_title(f"{panel.title}\nrms error, {panel.unit}: {words}", fontsize=8)
+    above.set_ylabel(panel.unit)
     above.tick_params(labelbottom=False)
     below.axhline(0.0, color=INK["measured"], lw=0.6)
     below.set_ylabel("error")

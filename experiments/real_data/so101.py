@@ -107,7 +107,10 @@ def compared(out: Path) -> dict[str, Any]:
     errors = {
         "half_second": _ahead(worlds, forward, unseen, period),
         "whole_log": measure.log_errors(begun, played),
-    }
+        "whole_log_from_rest": measure.log_errors(unseen, {
+            name: measure.whole_log(each, unseen) for name, each in worlds.items()
+        }),
+    }  # fmt: skip
     told = {
         horizon: {name: float(np.sqrt(e.squared.mean())) for name, e in each.items()}
         for horizon, each in errors.items()

@@ -23,7 +23,8 @@ def compare(results: dict[str, Any], file: str | Path) -> Compared:
 
     Figures are named by their place in the results, as in `bam.held_out_kp200_deg`, and
     have a `value`; numbers have `within`, how far they may be from it in the same unit.
-    Those of parts that are not in the results are listed as not run.
+    What others reached (`anchors`, by name) and what was asked for (`reach`) may stand
+    beside it. Figures of parts that are not in the results are listed as not run.
 
     Args:
         results: of the experiment, parts by name.
@@ -40,15 +41,16 @@ def compare(results: dict[str, Any], file: str | Path) -> Compared:
     rows, off = [], []
     for name, row in expected["figures"].items():
         part, *place = name.split(".")
-        if part not in results:
-            rows.append((name, _shown(row["value"], row.get("within")), "not run", ""))
-            continue
-        got = _found(results[part], place)
-        right = _right(got, row)
+        run = part in results
+        got = _found(results[part], place) if run else "not run"
+        right = not run or _right(got, row)
+        beside = ", ".join(f"{who} {n}" for who, n in row.get("anchors", {}).items())
         rows.append((name, _shown(row["value"], row.get("within")), _shown(got),
-                     "" if right else "off"))  # fmt: skip
+                     "" if right else "off", beside, row.get("reach", "")))  # fmt: skip
         off += [] if right else [name]
-    return Compared(table(("figure", "expected", "this run", ""), rows), off)
+    head = ("figure", "expected", "this run", "", "others", "asked for")
+    used = len(head) if any(any(row[4:]) for row in rows) else 4
+    return Compared(table(head[:used], [row[:used] for row in rows]), off)
 
 
 def _found(value: Any, place: list[str]) -> Any:
