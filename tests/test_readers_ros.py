@@ -7,6 +7,7 @@ import pytest
 import ros_logs as logs
 
 from gatjax.data import readers
+from gatjax.data.readers import messages
 
 WRITERS = {"robot.mcap": logs.write_mcap, "robot_bag": logs.write_bag}
 
@@ -22,7 +23,9 @@ def log(request, tmp_path_factory):
     return WRITERS[request.param](path, logs.messages())
 
 
-def test_signals_keep_their_own_clocks_and_values(log):
+@pytest.mark.parametrize("kept", [7, 1 << 16])
+def test_signals_keep_their_own_clocks_and_values(log, kept, monkeypatch):
+    monkeypatch.setattr(messages, "MANY", kept)
     run = read(log).runs[0]
     angle = run["/joint_states/position.Knöchel"]
     np.testing.assert_array_equal(angle.values, logs.angles(logs.SEEN)[1])

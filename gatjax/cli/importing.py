@@ -19,6 +19,7 @@ from gatjax.data.recording import (
     check_recording,
     write_recording,
 )
+from gatjax.data.spill import release
 from gatjax.report.recording import draw_recording
 from gatjax.runs import Progress, make_folder, write_whole
 
@@ -129,22 +130,24 @@ def _say(source: readers.Source) -> None:
     width = max(len(name) for name in run)
     for name, stream in run.items():
         print(f"  {name:<{width}}  {_facts(stream, scale)}")
+        release(*stream)
 
 
 def _facts(stream: readers.Stream, scale: float) -> str:
     """Rate, gaps, range and resolution of a signal; `scale` is s per unit of time."""
-    steps = scale * np.diff(stream.time)
+    steps = scale * np.diff(stream.time[:LOOKED_AT])
     usual = float(np.median(steps)) if len(steps) else 0.0
     rate = f"{1.0 / usual:.4g} Hz" if usual > 0.0 else "no rate"
     gaps = int(np.sum(steps > 2.5 * usual)) if usual > 0.0 else 0
-    finite = stream.values[np.isfinite(stream.values)]
+    finite = stream.values[:LOOKED_AT]
+    finite = finite[np.isfinite(finite)]
     if not len(finite):
-        return f"{len(stream.time)} samples, none of them a number"
+        return f"{len(stream.time)} samples, no number among the first"
     apart = np.diff(np.unique(np.round(finite, 9)))
     least = f", steps of {apart.min():.3g} or more" if len(apart) else ", constant"
     said = f"{len(stream.time)} samples, {rate}"
     said += f", {gaps} gap{'s' * (gaps > 1)}" if gaps else ""
-    low, high = finite.min(), finite.max()
+    low, high = np.nanmin(stream.values), np.nanmax(stream.values)
     rest = [f", {share:.0%} at its {name}" for name, share in (
         ("least", np.mean(finite == low)), ("largest", np.mean(finite == high)),
     ) if share > RESTS and len(apart) > FEW]  # fmt: skip

@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -30,6 +30,7 @@ from gatjax.data.mapping import (
     resolve,
     to_si,
 )
+from gatjax.data.spill import release
 from gatjax.runs import read_json, write_whole
 
 LARGEST_ANGLE = 6.4  # rad, just over a full turn: no position servo goes there
@@ -108,23 +109,32 @@ def write_recording(path: str | Path, recording: Recording) -> None:
                 f"time has {len(recording.time)}"
             )
     metadata = _metadata(recording.metadata, str(path))
-    table = pa.table(
-        {
-            "time": np.asarray(recording.time, np.float64),
-            "trajectory": np.asarray(recording.trajectory, np.int64),
-            **{k: np.asarray(v, np.float64) for k, v in recording.columns.items()},
-        }
-    )
     if check_ending(path) == ".parquet":
         text = {key: str(value) for key, value in metadata.items()}
-        table = table.replace_schema_metadata(text)
-        write = partial(parquet.write_table, table, row_group_size=GROUP)
-        write_whole({path: write})
+        write_whole({path: partial(_write, recording, parquet.ParquetWriter, text)})
     else:
         beside = json.dumps(metadata, indent=2).encode()
-        write_whole(
-            {path.with_suffix(".json"): beside, path: partial(csv.write_csv, table)}
-        )
+        write = partial(_write, recording, csv.CSVWriter, None)
+        write_whole({path.with_suffix(".json"): beside, path: write})
+
+
+def _write(
+    recording: Recording, writer: Any, text: dict[str, str] | None, file: BinaryIO
+) -> None:
+    """Write the rows of a recording, a group at a time."""
+    columns = {"time": recording.time, "trajectory": recording.trajectory}
+    kinds = {"trajectory": np.int64}
+    columns |= recording.columns
+    fields = [(name, pa.from_numpy_dtype(kinds.get(name, np.float64)))
+              for name in columns]  # fmt: skip
+    schema = pa.schema(fields, metadata=text)
+    with writer(file, schema) as out:
+        for first in range(0, len(recording.time), GROUP):
+            rows = slice(first, first + GROUP)
+            part = [np.asarray(values[rows], kinds.get(name, np.float64))
+                    for name, values in columns.items()]  # fmt: skip
+            out.write_table(pa.table(part, schema=schema))
+            release(*columns.values())
 
 
 def check_recording(recording: Recording, joints: Sequence[str]) -> None:
@@ -200,8 +210,10 @@ def _check_pairs(recording: Recording) -> None:
 def _check_numbers(recording: Recording) -> None:
     """Refuses values that are missing or infinite, and shares that are none."""
     for column, values in recording.columns.items():
+        if not column.startswith("stiffness."):
+            continue
         bad = np.flatnonzero((values < 0.0) | (values > STIFFEST))
-        if column.startswith("stiffness.") and bad.size:
+        if bad.size:
             raise ValueError(
                 f"{_cell(recording.name, bad[0], column)}: {values[bad[0]]:g} is no "
                 f"share of a gain: 0 is without power, 1 the model's kp; use a map "
@@ -209,6 +221,7 @@ def _check_numbers(recording: Recording) -> None:
             )
     for column, values in {"time": recording.time, **recording.columns}.items():
         bad = np.flatnonzero(~np.isfinite(values))
+        release(values)
         if bad.size:
             advice = "cut these rows out of the log"
             if not (column == "time" or column.startswith(("command.", "position."))):
@@ -224,7 +237,11 @@ def _check_numbers(recording: Recording) -> None:
 
 def _check_time(recording: Recording) -> None:
     """Refuses time that stands still or runs back within a trajectory."""
-    order = np.argsort(recording.trajectory, kind="stable")
+    runs, time = recording.trajectory, recording.time
+    later = (time[1:] > time[:-1]) & (runs[1:] == runs[:-1])
+    if (later | (runs[1:] > runs[:-1])).all():
+        return
+    order = np.argsort(runs, kind="stable")
     same = np.diff(recording.trajectory[order]) == 0
     late = np.flatnonzero(same & (np.diff(recording.time[order]) <= 0.0))
     if late.size:
@@ -242,11 +259,11 @@ def _check_degrees(recording: Recording) -> None:
     """Refuses joint angles that can only be degrees; motors may turn on and on."""
     if recording.command_unit != ANGLE:
         return
-    large = {
-        column: np.flatnonzero(np.abs(values) > LARGEST_ANGLE)
-        for column, values in recording.columns.items()
-        if column.startswith(("command.", "position."))
-    }
+    large = {}
+    for column, values in recording.columns.items():
+        if column.startswith(("command.", "position.")):
+            large[column] = np.flatnonzero(np.abs(values) > LARGEST_ANGLE)
+            release(values)
     share = DEGREES_SHARE * len(recording.trajectory)
     found = {column: rows for column, rows in large.items() if rows.size > share}
     if found:

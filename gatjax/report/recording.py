@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from gatjax.data.recording import ANGLE, Recording
+from gatjax.data.spill import release
 
 MOST = 12  # joints that are drawn
 POINTS = 3000  # of each line
@@ -26,18 +27,21 @@ def draw_recording(recording: Recording, path: Path) -> None:
     seen = [c[9:] for c in recording.columns if c.startswith("position.")]
     shown = sorted(seen)[:MOST]
     unit = recording.command_unit
-    time = _strung(recording)
-    ends = time[:-1][np.diff(recording.trajectory) != 0]
-    step = max(1, len(time) // POINTS)
+    step = max(1, len(recording.time) // POINTS)
+    ids = recording.trajectory[::step]
+    time = _strung(recording.time[::step], ids)
+    ends = time[:-1][np.diff(ids) != 0]
     figure = Figure(figsize=(11.0, 1.0 + 1.5 * len(shown)), layout="constrained")
     grid = figure.subplots(len(shown), 1, sharex=True, squeeze=False)
     for axes, joint in zip(grid[:, 0], shown, strict=True):
         command = recording.columns.get(f"command.{joint}")
         if command is not None:
-            _draw_command(axes, time[::step], command[::step], unit)
+            _draw_command(axes, time, command[::step], unit)
+            release(command)
         position = np.rad2deg(recording.columns[f"position.{joint}"][::step])
-        axes.plot(time[::step], position, lw=0.8, label="position")
+        axes.plot(time, position, lw=0.8, label="position")
         axes.set_ylabel(f"{joint}\ndegrees", fontsize=8)
+        release(recording.columns[f"position.{joint}"])
         for end in ends:
             axes.axvline(end, color="0.8", lw=0.6)
     grid[0, 0].legend(loc="upper right", fontsize=8, ncols=2)
@@ -58,12 +62,12 @@ def _draw_command(axes: Axes, time: np.ndarray, command: np.ndarray, unit: str) 
     beside.set_ylabel(f"command, {unit}", fontsize=8)
 
 
-def _strung(recording: Recording) -> np.ndarray:
+def _strung(time: np.ndarray, ids: np.ndarray) -> np.ndarray:
     """Time [N] s with the runs one after the other."""
-    out, start = np.empty(len(recording.time)), 0.0
-    for run in dict.fromkeys(recording.trajectory.tolist()):
-        rows = recording.trajectory == run
-        own = recording.time[rows] - recording.time[rows][0]
+    out, start = np.empty(len(time)), 0.0
+    for run in dict.fromkeys(ids.tolist()):
+        rows = ids == run
+        own = time[rows] - time[rows][0]
         out[rows] = own + start
         start += float(own[-1]) + APART
     return out

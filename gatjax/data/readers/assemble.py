@@ -17,6 +17,7 @@ from gatjax.data.readers.drafts import drafted
 from gatjax.data.readers.rows import Done, row_signals
 from gatjax.data.readers.source import Source, Stream
 from gatjax.data.recording import Recording, check_one_unit
+from gatjax.data.spill import mapped
 
 ROWS = ("time", "trajectory")  # columns that a table's reader has used already
 CLOCK = Entry("time", 1.0, 1.0, 0.0)
@@ -71,7 +72,7 @@ def _in_si(stream: Stream, entry: Entry, clock: Entry) -> Stream:
 def _scaled(entry: Entry, raw: np.ndarray) -> np.ndarray:
     """Values [N] in SI; the same array where they are that already."""
     plain = (entry.factor, entry.slope, entry.offset) == (1.0, 1.0, 0.0)
-    return raw if plain else to_si(entry, raw)
+    return raw if plain else mapped(lambda part: to_si(entry, part), raw)
 
 
 def _strung(parts: list[np.ndarray]) -> np.ndarray:

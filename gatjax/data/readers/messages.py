@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from array import array
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 
 from gatjax.data.readers.goals import path_of
 from gatjax.data.readers.source import Run, Stream
+from gatjax.data.spill import Column, mapped
 
 JOINT_STATE, TRAJECTORY = "JointState", "JointTrajectory"
 ARRAY, IMU = "Float64MultiArray", "Imu"
@@ -23,6 +25,8 @@ KNOWN = {
     "std_msgs/Float64MultiArray": ARRAY,
     "sensor_msgs/Imu": IMU,
 }
+TIME = "time"  # of a group: no signal is called so, they have topics
+MANY = 1 << 16  # samples of a group that are kept as they came
 APART = 1.0  # s between two clocks: more is no delay of messages
 
 
@@ -39,6 +43,7 @@ class Collector:
         """Nothing is kept yet."""
         self.times: dict[str, array[float]] = {}  # of each group of signals
         self.values: dict[str, dict[str, array[float]]] = {}
+        self.stored: dict[str, dict[str, Column]] = {}  # the same, the earlier ones
         self.kinds: dict[str, str] = {}  # of each group: the type of its messages
         self.unknown: dict[str, int] = {}
         self.behind: dict[str, float] = {}  # s, least from header's stamp to log's
@@ -57,6 +62,17 @@ class Collector:
         times.append(time)
         for name, value in said.items():
             values[name].append(value)
+        if len(times) >= MANY and kind != TRAJECTORY:  # of paths some may go again
+            self._store(group)
+
+    def _store(self, group: str) -> dict[str, Column]:
+        """Move the samples of a group to columns; its stamps are called TIME."""
+        series = {TIME: self.times[group], **self.values[group]}
+        stored = self.stored.setdefault(group, {name: Column() for name in series})
+        for name, numbers in series.items():
+            stored[name].add(np.array(numbers))
+            del numbers[:]
+        return stored
 
     def take(self, topic: str, kind: str, logged: float, body: Any) -> None:
         """Keep what a message says."""
@@ -143,12 +159,17 @@ class Collector:
         ]
         out: Run = {}
         kinds: dict[str, str] = {}
-        used = {g: t for g, t in self.times.items() if len(t) and g not in self.uneven}
-        first = min((t[0] + moves.get(g, 0.0) for g, t in used.items()), default=0.0)
-        for group, times in used.items():
-            clock = np.frombuffer(times) - (first - moves.get(group, 0.0))
-            for name, values in self.values[group].items():
-                stream = Stream(clock, np.frombuffer(values))
+        used = {
+            group: {name: each.whole() for name, each in self._store(group).items()}
+            for group in self.times if group not in self.uneven
+        }  # fmt: skip
+        begins = [series[TIME][0] + moves.get(group, 0.0)
+                  for group, series in used.items()]  # fmt: skip
+        for group, series in used.items():
+            late = min(begins) - moves.get(group, 0.0)
+            clock = mapped(partial(np.add, -late), series.pop(TIME))
+            for name, values in series.items():
+                stream = Stream(clock, values)
                 if not np.isfinite(stream.values).any():
                     notes.append(f"{path}: {name} left out, none of it is a number")
                     continue

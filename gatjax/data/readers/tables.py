@@ -14,6 +14,7 @@ from gatjax.data.mapping import quantity_of
 from gatjax.data.readers.arrays import TIMES, stamps_of
 from gatjax.data.readers.source import Given, Run, Source, Stream, Tell
 from gatjax.data.recording import check_once, told_of
+from gatjax.data.spill import Column, release
 
 SUBJECTS = ("joint", "name", "signal", "joint_name")  # columns of text in long tables
 RUNS = ("trajectory", "episode", "run")
@@ -55,13 +56,14 @@ def read(path: Path, tell: Tell, given: Given) -> Source:
     run = given.run or next((name for name in RUNS if name in numbers), None)
     if given.run is not None and given.run not in numbers:
         raise ValueError(f"{path}: no column {run!r}; it has {', '.join(names)}")
-    ids = np.zeros(len(time)) if run is None else _known(path, run, numbers.pop(run))
+    ids = None if run is None else _known(path, run, numbers.pop(run))
     notes = [
         f"{path}: column {name!r} left out, it holds no numbers"
         for name in [*words, *left]
     ]
     notes += _emptied(path, _known(path, stamp, time), numbers if who is None else {})
-    runs = [_run(time, numbers, who, rows) for rows in _parts(ids)]
+    parts = [slice(0, len(time))] if ids is None else _parts(ids)
+    runs = [_run(time, numbers, who, rows) for rows in parts]
     draft: dict[str, dict[str, Any]] = {
         name: {"from": name} for name in runs[0] if quantity_of(name)
     }
@@ -112,6 +114,7 @@ def _emptied(path: Path, time: np.ndarray, numbers: dict[str, np.ndarray]) -> li
     found: dict[int, list[str]] = {}
     for name, values in numbers.items():
         found.setdefault(int(np.sum(~np.isfinite(values))), []).append(name)
+        release(values)
     return [
         f"{path}: {count} of {len(time)} rows have no number in {', '.join(names)}: "
         f"no samples there"
@@ -123,7 +126,7 @@ def _columns(
     path: Path, tell: Tell
 ) -> tuple[dict[str, np.ndarray], dict[str, Words], list[str]]:
     """Columns of numbers [N] and of texts, and the names of those of neither."""
-    numbers: dict[str, list[np.ndarray]] = {}
+    numbers: dict[str, Column] = {}
     words: dict[str, list[np.ndarray]] = {}
     seen: dict[str, dict[str, int]] = {}
     left: dict[str, None] = {}
@@ -140,11 +143,11 @@ def _columns(
                 codes = coded.indices.fill_null(-1).to_numpy(zero_copy_only=False)
                 words.setdefault(name, []).append(np.append(own, -1)[codes])
             elif _is_number(kind):
-                numbers.setdefault(name, []).append(_floats(column))
+                numbers.setdefault(name, Column()).add(_floats(column))
             else:
                 left[name] = None
     return (
-        {name: np.concatenate(numbers.pop(name)) for name in list(numbers)},
+        {name: column.whole() for name, column in numbers.items()},
         {n: Words(list(seen[n]), np.concatenate(words.pop(n))) for n in list(words)},
         list(left),
     )
@@ -164,10 +167,11 @@ def _batches(path: Path, tell: Tell) -> Iterator[pa.RecordBatch]:
     if path.suffix == ".parquet":
         with parquet.ParquetFile(path) as table:
             done, every = 0, max(table.metadata.num_rows, 1)
-            for batch in table.iter_batches(PIECE // 100):
-                yield batch
-                done += batch.num_rows
-                tell(done / every)
+            for group in range(table.num_row_groups):  # else they pile up in memory
+                for batch in table.iter_batches(PIECE // 100, row_groups=[group]):
+                    yield batch
+                    done += batch.num_rows
+                    tell(done / every)
         return
     size, block = max(path.stat().st_size, 1), csv.ReadOptions(block_size=PIECE)
     form = csv.ParseOptions(delimiter=_delimiter(path))
@@ -200,10 +204,13 @@ def _is_number(kind: pa.DataType) -> bool:
 
 def _parts(ids: np.ndarray) -> Iterator[Rows]:
     """The rows of each run; a run in one piece is not copied."""
+    ends = np.flatnonzero(np.diff(ids)) + 1
+    pieces = list(zip([0, *ends.tolist()], [*ends.tolist(), len(ids)], strict=True))
+    if len({ids[first] for first, _ in pieces}) == len(pieces):
+        yield from sorted((slice(*p) for p in pieces), key=lambda s: ids[s.start])
+        return
     for each in np.unique(ids):
-        rows = np.flatnonzero(ids == each)
-        whole = rows[-1] - rows[0] + 1 == len(rows)
-        yield slice(int(rows[0]), int(rows[-1]) + 1) if whole else rows
+        yield np.flatnonzero(ids == each)
 
 
 def _run(
@@ -215,6 +222,7 @@ def _run(
         clock = time[rows]
         for name, values in numbers.items():
             said = np.isfinite(values[rows])
+            release(values)
             if said.all():
                 found[name] = Stream(clock, values[rows])
             elif said.any():
