@@ -164,6 +164,13 @@ def test_dates_codes_and_semicolons_are_what_other_programs_write(tmp_path):
     assert set(source.runs[0]) == {"position.a", "position.b"}
 
 
+def test_joints_may_be_numbers_and_names(tmp_path):
+    who = ["1", "2", "left"] * 100
+    table = {"time": np.repeat(TIME[:100], 3), "joint": who, "position": TIME}
+    run = read(write(table, tmp_path / "log.parquet")).runs[0]
+    assert set(run) == {"position.1", "position.2", "position.left"}
+
+
 @pytest.mark.parametrize("cell", ["", "nan"])
 def test_a_row_without_a_stamp_is_told(tmp_path, cell):
     path = tmp_path / "log.csv"
