@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import ros_logs as logs
 
-from gatjax.data import readers
-from gatjax.data.readers import messages
+from gatjax.data import readers, spill
 
 WRITERS = {"robot.mcap": logs.write_mcap, "robot_bag": logs.write_bag}
 
@@ -25,7 +24,7 @@ def log(request, tmp_path_factory):
 
 @pytest.mark.parametrize("kept", [7, 1 << 16])
 def test_signals_keep_their_own_clocks_and_values(log, kept, monkeypatch):
-    monkeypatch.setattr(messages, "MANY", kept)
+    monkeypatch.setattr(spill, "LARGE", kept)
     run = read(log).runs[0]
     angle = run["/joint_states/position.Knöchel"]
     np.testing.assert_array_equal(angle.values, logs.angles(logs.SEEN)[1])

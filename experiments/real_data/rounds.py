@@ -27,7 +27,6 @@ def repeated(start: list[str], given: list[str], out: Path) -> tuple[list[Path],
         out: gets a folder for each round; those that are there stay.
     """
     folders: list[Path] = []
-    world = out
     for number in range(MOST):
         folder = out / f"round_{number}"
         if not (folder / "diagnosis.json").is_file() and (
@@ -35,11 +34,10 @@ def repeated(start: list[str], given: list[str], out: Path) -> tuple[list[Path],
         ):
             raise SystemExit(code)
         folders.append(folder)
-        world = _taken(folder)
+        start = ["--world", str(_taken(folder))]
         if not found(folder):
             break
-        start = ["--world", str(world)]
-    return folders, world
+    return folders, Path(start[1])
 
 
 def found(folder: Path) -> list[dict[str, Any]]:

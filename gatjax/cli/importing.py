@@ -135,19 +135,17 @@ def _say(source: readers.Source) -> None:
 
 def _facts(stream: readers.Stream, scale: float) -> str:
     """Rate, gaps, range and resolution of a signal; `scale` is s per unit of time."""
-    steps = scale * np.diff(stream.time[:LOOKED_AT])
-    usual = float(np.median(steps)) if len(steps) else 0.0
-    rate = f"{1.0 / usual:.4g} Hz" if usual > 0.0 else "no rate"
-    gaps = int(np.sum(steps > 2.5 * usual)) if usual > 0.0 else 0
-    finite = stream.values[:LOOKED_AT]
-    finite = finite[np.isfinite(finite)]
+    usual = stream.period()
+    rate = f"{1.0 / (scale * usual):.4g} Hz" if usual > 0.0 else "no rate"
+    gaps = int(np.sum(np.diff(stream.time) > 2.5 * usual)) if usual > 0.0 else 0
+    finite = stream.values[np.isfinite(stream.values)]
     if not len(finite):
-        return f"{len(stream.time)} samples, no number among the first"
-    apart = np.diff(np.unique(np.round(finite, 9)))
+        return f"{len(stream.time)} samples, none of them a number"
+    apart = np.diff(np.unique(np.round(finite[:LOOKED_AT], 9)))
     least = f", steps of {apart.min():.3g} or more" if len(apart) else ", constant"
     said = f"{len(stream.time)} samples, {rate}"
     said += f", {gaps} gap{'s' * (gaps > 1)}" if gaps else ""
-    low, high = np.nanmin(stream.values), np.nanmax(stream.values)
+    low, high = finite.min(), finite.max()
     rest = [f", {share:.0%} at its {name}" for name, share in (
         ("least", np.mean(finite == low)), ("largest", np.mean(finite == high)),
     ) if share > RESTS and len(apart) > FEW]  # fmt: skip

@@ -7,7 +7,10 @@ from __future__ import annotations
 
 import mmap
 import tempfile
+import weakref
+from array import array
 from collections.abc import Callable
+from typing import BinaryIO
 
 import numpy as np
 
@@ -20,32 +23,39 @@ class Column:
 
     def __init__(self) -> None:
         """Nothing is kept yet."""
-        self.parts: list[np.ndarray] = []
-        self.kept = 0
-        self.file: tempfile._TemporaryFileWrapper | None = None
+        self.kept = array("d")
+        self.file: BinaryIO | None = None
 
     def add(self, part: np.ndarray) -> None:
         """Keep more of them [N]."""
-        self.parts.append(np.asarray(part, np.float64))
-        self.kept += len(part)
-        if self.kept > LARGE:
-            self._write()
+        self.kept.frombytes(np.asarray(part, np.float64).tobytes())
+        self._spared()
+
+    def append(self, number: float) -> None:
+        """Keep one more."""
+        self.kept.append(number)
+        self._spared()
 
     def whole(self) -> np.ndarray:
         """All of them [N]; of a long column a view of its file, for reading only."""
         if self.file is None:
-            return np.concatenate([np.empty(0), *self.parts])
-        self._write()
+            return np.array(self.kept, np.float64)
+        self._write(self.file)
         return np.memmap(self.file, np.float64, "r")
 
-    def _write(self) -> None:
+    def _spared(self) -> None:
+        """Move what is kept to the file if it is too much."""
+        if len(self.kept) > LARGE:
+            if self.file is None:
+                self.file = tempfile.TemporaryFile()
+                weakref.finalize(self, self.file.close)  # what is mapped of it stays
+            self._write(self.file)
+
+    def _write(self, file: BinaryIO) -> None:
         """Move what is kept to the file."""
-        if self.file is None:
-            self.file = tempfile.NamedTemporaryFile(prefix="gatjax-")
-        for part in self.parts:
-            self.file.write(part.tobytes())
-        self.file.flush()
-        self.parts, self.kept = [], 0
+        file.write(self.kept.tobytes())
+        file.flush()
+        del self.kept[:]
 
 
 def mapped(
@@ -63,8 +73,8 @@ def mapped(
 
 def release(*arrays: np.ndarray) -> None:
     """Free the memory of columns that lie in files; they are read again when used."""
-    for array in arrays:
-        base: object = array
+    for each in arrays:
+        base: object = each
         while isinstance(base, np.ndarray):
             base = base.base
         if isinstance(base, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):

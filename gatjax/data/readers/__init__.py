@@ -47,14 +47,14 @@ def read(path: Path, tell: Tell, given: Given | None = None) -> Source:
 
 def _parsed(path: Path, tell: Tell, given: Given) -> Source:
     """What the reader of a log's format makes of it."""
-    if path.is_dir():
-        return _folder(path, tell)
     ending = path.suffix.lower()
-    if given.time and ending in (".mcap", ".json"):
+    if given.time and (path.is_dir() or ending in (".mcap", ".json")):
         raise ValueError(
             f"{path}: its samples are stamped already; leave 'from' of time out of "
             f"the map"
         )
+    if path.is_dir():
+        return _folder(path, tell)
     match ending:
         case ".parquet" | ".csv":
             return tables.read(path, tell, given)

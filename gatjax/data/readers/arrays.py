@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -40,11 +40,11 @@ def read_npz(path: Path, given: Given) -> Source:
     return of_arrays(path, "NPZ", arrays, given)
 
 
-def stamps_of(names: Iterable[str], given: Given) -> str | None:
+def stamps_of(names: Collection[str], given: Given) -> str | None:
     """Which name is that of the time: as the map says, or one of `TIMES`."""
-    known = {name.lower(): name for name in names}
     if given.time is not None:
-        return given.time if given.time in known.values() else None
+        return given.time if given.time in names else None
+    known = {name.lower(): name for name in names}
     return next((known[name] for name in TIMES if name in known), None)
 
 

@@ -6,8 +6,7 @@ A message is stamped by its header, by its log time where it has none.
 from __future__ import annotations
 
 import math
-from array import array
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -26,10 +25,10 @@ KNOWN = {
     "sensor_msgs/Imu": IMU,
 }
 TIME = "time"  # of a group: no signal is called so, they have topics
-MANY = 1 << 16  # samples of a group that are kept as they came
 APART = 1.0  # s between two clocks: more is no delay of messages
 
 
+@cache
 def kind_of(schema: str) -> str:
     """The short name of a type that is read; package and name of another one."""
     name = f"{schema.partition('/')[0]}/{schema.rpartition('/')[2]}"
@@ -41,9 +40,8 @@ class Collector:
 
     def __init__(self) -> None:
         """Nothing is kept yet."""
-        self.times: dict[str, array[float]] = {}  # of each group of signals
-        self.values: dict[str, dict[str, array[float]]] = {}
-        self.stored: dict[str, dict[str, Column]] = {}  # the same, the earlier ones
+        self.series: dict[str, dict[str, Column]] = {}  # of each group, TIME first
+        self.paths: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}  # the same
         self.kinds: dict[str, str] = {}  # of each group: the type of its messages
         self.unknown: dict[str, int] = {}
         self.behind: dict[str, float] = {}  # s, least from header's stamp to log's
@@ -54,25 +52,13 @@ class Collector:
     def add(self, group: str, kind: str, time: float, said: dict[str, float]) -> None:
         """Keep a sample of signals that share their stamps."""
         self.kinds[group] = kind
-        times = self.times.setdefault(group, array("d"))
-        values = self.values.setdefault(group, {name: array("d") for name in said})
-        if values.keys() != said.keys():
+        said = {TIME: time, **said}
+        series = self.series.setdefault(group, {name: Column() for name in said})
+        if series.keys() != said.keys():
             self.uneven.add(group)
             return
-        times.append(time)
         for name, value in said.items():
-            values[name].append(value)
-        if len(times) >= MANY and kind != TRAJECTORY:  # of paths some may go again
-            self._store(group)
-
-    def _store(self, group: str) -> dict[str, Column]:
-        """Move the samples of a group to columns; its stamps are called TIME."""
-        series = {TIME: self.times[group], **self.values[group]}
-        stored = self.stored.setdefault(group, {name: Column() for name in series})
-        for name, numbers in series.items():
-            stored[name].add(np.array(numbers))
-            del numbers[:]
-        return stored
+            series[name].append(value)
 
     def take(self, topic: str, kind: str, logged: float, body: Any) -> None:
         """Keep what a message says."""
@@ -102,7 +88,7 @@ class Collector:
             self.unknown[unknown] = self.unknown.get(unknown, 0) + 1
 
     def _take_path(self, topic: str, stamp: float, logged: float, body: Any) -> None:
-        """Keep a path; what is left of the one before ends where it begins."""
+        """Keep a path, its stamps and its angles."""
         group = f"{topic}/position.{','.join(body.joint_names)}"
         path = path_of(body)
         if len(path.time) == 0:
@@ -111,15 +97,22 @@ class Collector:
             self.joined.add(group)
         if not stamp:
             self.bare.add(group)
+        self.kinds[group] = TRAJECTORY
+        names = [TIME, *_named(topic, "position", dict.fromkeys(body.joint_names, 0.0))]
+        self.series.setdefault(group, {name: Column() for name in names})
         time = (stamp or logged) + path.time
-        kept = self.times.get(group, array("d"))
-        old = next((k for k in range(len(kept), 0, -1) if kept[k - 1] < time[0]), 0)
-        for series in (kept, *self.values.get(group, {}).values()):
-            del series[old:]
-        for when, row in zip(time, path.position, strict=True):
-            said = dict(zip(body.joint_names, row, strict=False))
-            named = _named(topic, "position", said)
-            self.add(group, TRAJECTORY, float(when), named)
+        self.paths.setdefault(group, []).append((time, path.position))
+
+    def _follow(self, group: str) -> None:
+        """Put paths one after the other; each ends where a later one begins."""
+        stamps, *angles = self.series[group].values()
+        ends = [math.inf]
+        for time, _ in self.paths[group][:0:-1]:
+            ends.append(min(ends[-1], time[0]))
+        for (time, place), end in zip(self.paths[group], ends[::-1], strict=True):
+            stamps.add(time[time < end])
+            for column, angle in zip(angles, place.T, strict=True):
+                column.add(angle[time < end])
 
     def _stamped(self, group: str, stamp: float, logged: float) -> None:
         """Notice how far a clock is behind that of the log."""
@@ -135,7 +128,7 @@ class Collector:
                   if self.kinds[group] == JOINT_STATE]  # fmt: skip
         usual = min(states or self.behind.values(), default=0.0)
         moves, notes = {}, []
-        for group in self.times:
+        for group in self.series:
             late = 0.0 if group in self.bare else self.behind.get(group, usual)
             if abs(late - usual) > APART:
                 moves[group] = late - usual
@@ -159,9 +152,11 @@ class Collector:
         ]
         out: Run = {}
         kinds: dict[str, str] = {}
+        for group in self.paths:
+            self._follow(group)
         used = {
-            group: {name: each.whole() for name, each in self._store(group).items()}
-            for group in self.times if group not in self.uneven
+            group: {name: each.whole() for name, each in series.items()}
+            for group, series in self.series.items() if group not in self.uneven
         }  # fmt: skip
         begins = [series[TIME][0] + moves.get(group, 0.0)
                   for group, series in used.items()]  # fmt: skip

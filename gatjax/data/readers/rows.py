@@ -15,7 +15,6 @@ HELD = ("command.", "stiffness.")  # signals that hold until the next stamp
 SLACK = 2.0  # periods of a signal that it may begin late or end early
 LATE = 1.0  # s without a command at the end that is told
 Done = dict[str, dict[str, None]]  # what was done, to which signals or in which runs
-BEGUN = 100_000  # samples that tell the rate of a signal
 
 
 def row_signals(
@@ -43,10 +42,11 @@ def row_signals(
     clock = max((run[name].time for name in positions), key=len)
     time = _spanned(clock, run, where, done)
     found = {n: _at(time, n, s, done) for n, s in run.items() if _covers(n, s, time)}
-    for name in run.keys() - found.keys():
-        span = f"{run[name].time[0]:.4g} to {run[name].time[-1]:.4g} s"
-        text = f"left out, from {span} only, rows to {time[-1]:.4g} s"
-        done.setdefault(text, {})[name] = None
+    for name, stream in run.items():
+        if name not in found:
+            span = f"{stream.time[0]:.4g} to {stream.time[-1]:.4g} s"
+            text = f"left out, from {span} only, rows to {time[-1]:.4g} s"
+            done.setdefault(text, {})[name] = None
     return time, found
 
 
@@ -54,35 +54,27 @@ def _spanned(clock: np.ndarray, run: Run, where: str, done: Done) -> np.ndarray:
     """Stamps [N] at which there is a command and a position of each joint."""
     held = {n: s.time[0] for n, s in run.items() if n.startswith(HELD)}
     seen = {n: s for n, s in run.items() if n.startswith("position.")}
-    begins = held | {n: s.time[0] - _period(s) for n, s in seen.items()}
-    ends = {n: s.time[-1] + _period(s) for n, s in seen.items()}
+    begins = held | {n: s.time[0] - s.period() for n, s in seen.items()}
+    ends = {n: s.time[-1] + s.period() for n, s in seen.items()}
     last, first = min(ends, key=ends.__getitem__), max(begins, key=begins.__getitem__)
     early, over = clock < begins[first], clock > ends[last]
-    if early.all() or over.all() or (early | over).all():
+    kept = ~(early | over)
+    if not kept.any():
         raise ValueError(
             f"{where}: no row has all of it: {first} begins at "
             f"{run[first].time[0]:.6g} s, {last} ends at {run[last].time[-1]:.6g} s"
         )
-    told = where.rpartition(": ")[2]
-    if early.any():
-        before = "the first command" if first in held else f"the first {first}"
-        done.setdefault(f"{early.sum()} rows before {before} left out", {})[told] = None
-    if over.any():
-        done.setdefault(f"{over.sum()} rows after the last {last} left out", {})[
-            told
-        ] = None
-    return clock[~(early | over)] if early.any() or over.any() else clock
-
-
-def _period(stream: Stream) -> float:
-    """Seconds from one sample to the next, as a rule."""
-    begun = stream.time[:BEGUN]
-    return float(np.median(np.diff(begun))) if len(begun) > 1 else 0.0
+    before = "the first command" if first in held else f"the first {first}"
+    for rows, place in ((early, f"before {before}"), (over, f"after the last {last}")):
+        if rows.any():
+            text = f"{rows.sum()} rows {place} left out"
+            done.setdefault(text, {})[where.rpartition(": ")[2]] = None
+    return clock if kept.all() else clock[kept]
 
 
 def _covers(name: str, stream: Stream, time: np.ndarray) -> bool:
     """Whether a signal is known at all rows; what is held is from its begin on."""
-    more = SLACK * _period(stream)
+    more = SLACK * stream.period()
     late, over = stream.time[0] - time[0], time[-1] - stream.time[-1]
     return bool(max(late, over) <= more) or name.startswith((*HELD, "position."))
 
@@ -94,10 +86,10 @@ def _at(time: np.ndarray, name: str, stream: Stream, done: Done) -> np.ndarray:
     at = np.minimum(np.searchsorted(stream.time, time), len(stream.time) - 1)
     if np.array_equal(stream.time[at], time):
         return stream.values[at]
-    rate = 1.0 / _period(stream) if len(stream.time) > 1 else 0.0
+    rate = 1.0 / stream.period() if len(stream.time) > 1 else 0.0
     if name.startswith(HELD):
         alone = time[-1] - stream.time[-1]
-        if alone > max(LATE, SLACK * _period(stream)):
+        if alone > max(LATE, SLACK * stream.period()):
             text = f"nothing in the last {alone:.3g} s, where the last one is held"
             done.setdefault(text, {})[name] = None
         done.setdefault(f"{rate:.3g} Hz, held until the next one", {})[name] = None

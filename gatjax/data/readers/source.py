@@ -7,12 +7,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+BEGUN = 100_000  # samples that tell the rate of a signal
+
 
 class Stream(NamedTuple):
     """One signal as it was stamped."""
 
     time: np.ndarray  # [N] in the unit of the log
     values: np.ndarray  # [N] in the unit of the log
+
+    def period(self) -> float:
+        """Time from one sample to the next, as a rule; 0 of a single sample."""
+        begun = self.time[:BEGUN]
+        return float(np.median(np.diff(begun))) if len(begun) > 1 else 0.0
 
 
 Run = dict[str, Stream]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -51,7 +51,7 @@ def read(path: Path, tell: Tell, given: Given) -> Source:
             f"{path}: no rows, or no column of time ({given.time or ', '.join(TIMES)});"
             f" it has {', '.join(names)}"
         )
-    time = numbers.pop(stamp)
+    time = _known(path, stamp, numbers.pop(stamp))
     who = next((words.pop(name) for name in SUBJECTS if name in words), None)
     run = given.run or next((name for name in RUNS if name in numbers), None)
     if given.run is not None and given.run not in numbers:
@@ -61,9 +61,9 @@ def read(path: Path, tell: Tell, given: Given) -> Source:
         f"{path}: column {name!r} left out, it holds no numbers"
         for name in [*words, *left]
     ]
-    notes += _emptied(path, _known(path, stamp, time), numbers if who is None else {})
     parts = [slice(0, len(time))] if ids is None else _parts(ids)
     runs = [_run(time, numbers, who, rows) for rows in parts]
+    notes += _emptied(path, runs, numbers if who is None else {}, len(time))
     draft: dict[str, dict[str, Any]] = {
         name: {"from": name} for name in runs[0] if quantity_of(name)
     }
@@ -109,14 +109,14 @@ def _known(path: Path, name: str, values: np.ndarray) -> np.ndarray:
     return values
 
 
-def _emptied(path: Path, time: np.ndarray, numbers: dict[str, np.ndarray]) -> list[str]:
+def _emptied(path: Path, runs: list[Run], names: Iterable[str], rows: int) -> list[str]:
     """How many cells of each column are no samples, a line for each number of them."""
     found: dict[int, list[str]] = {}
-    for name, values in numbers.items():
-        found.setdefault(int(np.sum(~np.isfinite(values))), []).append(name)
-        release(values)
+    for name in names:
+        some = sum(len(run[name].time) for run in runs if name in run)
+        found.setdefault(rows - some, []).append(name)
     return [
-        f"{path}: {count} of {len(time)} rows have no number in {', '.join(names)}: "
+        f"{path}: {count} of {rows} rows have no number in {', '.join(names)}: "
         f"no samples there"
         for count, names in found.items() if count
     ]  # fmt: skip
@@ -131,7 +131,6 @@ def _columns(
     seen: dict[str, dict[str, int]] = {}
     left: dict[str, None] = {}
     for batch in _batches(path, tell):
-        check_once(path, batch.schema.names)
         for name, column in zip(batch.schema.names, batch.columns, strict=True):
             if pa.types.is_dictionary(column.type):
                 column = column.dictionary_decode()
@@ -164,8 +163,9 @@ def _floats(column: pa.Array) -> np.ndarray:
 
 def _batches(path: Path, tell: Tell) -> Iterator[pa.RecordBatch]:
     """The rows of a table, piece by piece."""
-    if path.suffix == ".parquet":
+    if path.suffix.lower() == ".parquet":
         with parquet.ParquetFile(path) as table:
+            check_once(path, table.schema_arrow.names)
             done, every = 0, max(table.metadata.num_rows, 1)
             for group in range(table.num_row_groups):  # else they pile up in memory
                 for batch in table.iter_batches(PIECE // 100, row_groups=[group]):
@@ -176,6 +176,7 @@ def _batches(path: Path, tell: Tell) -> Iterator[pa.RecordBatch]:
     size, block = max(path.stat().st_size, 1), csv.ReadOptions(block_size=PIECE)
     form = csv.ParseOptions(delimiter=_delimiter(path))
     with csv.open_csv(path, block, form) as first:
+        check_once(path, first.schema.names)
         kinds = {
             f.name: pa.float64() for f in first.schema
             if _is_number(f.type) and not pa.types.is_timestamp(f.type)
