@@ -16,7 +16,8 @@ import numpy as np
 from gatjax.data import excitation, sampling, starts, stops, tracking
 from gatjax.data.excitation import Moves
 from gatjax.data.finding import Finding, Level, Ranges
-from gatjax.data.recording import ANGLE, Recording
+from gatjax.data.metadata import ANGLE
+from gatjax.data.recording import Recording
 from gatjax.data.trajectories import JointRun, to_arrays
 
 __all__ = [

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
@@ -30,16 +30,14 @@ from gatjax.data.mapping import (
     resolve,
     to_si,
 )
+from gatjax.data.metadata import ANGLE, in_one_form, told_of
 from gatjax.data.spill import release
-from gatjax.runs import read_json, write_whole
+from gatjax.runs import write_whole
 
 LARGEST_ANGLE = 6.4  # rad, just over a full turn: no position servo goes there
-ANGLE = "rad"
 STIFFEST = 20.0  # times the model's kp
-COMMAND_UNITS = (ANGLE, "N m", "V")  # of commands; metadata `command_unit`
 DEGREES_SHARE = 0.05  # of the rows; fewer are glitches, not a unit
 GROUP = 1 << 16  # rows of a Parquet file that are written together
-FOREIGN_METADATA = ("pandas", "ARROW:schema")  # what other writers put in Parquet
 
 
 class Recording(NamedTuple):
@@ -53,7 +51,7 @@ class Recording(NamedTuple):
 
     @property
     def command_unit(self) -> str:
-        """What commands are in: one of `COMMAND_UNITS`."""
+        """What commands are in: one of `metadata.COMMAND_UNITS`."""
         return self.metadata.get("command_unit", ANGLE)
 
 
@@ -88,7 +86,7 @@ def read_recording(path: str | Path, mapping: ColumnMap | None = None) -> Record
         time=time,
         trajectory=_whole_numbers(trajectory, file),
         columns=columns,
-        metadata=_metadata({**metadata, **(mapping or NO_MAP).metadata}, file),
+        metadata=in_one_form({**metadata, **(mapping or NO_MAP).metadata}, file),
     )
 
 
@@ -108,7 +106,7 @@ def write_recording(path: str | Path, recording: Recording) -> None:
                 f"{path}: column {name!r} has {length} rows, "
                 f"time has {len(recording.time)}"
             )
-    metadata = _metadata(recording.metadata, str(path))
+    metadata = in_one_form(recording.metadata, str(path))
     if check_ending(path) == ".parquet":
         text = {key: str(value) for key, value in metadata.items()}
         write_whole({path: partial(_write, recording, parquet.ParquetWriter, text)})
@@ -318,59 +316,10 @@ def check_once(path: Path, names: Sequence[str]) -> None:
         raise ValueError(f"{path}: column {', '.join(twice)} is there twice")
 
 
-def told_of(path: Path) -> dict[str, Any]:
-    """Metadata of a table: those in a Parquet file, or in the .json beside a .csv."""
-    if path.suffix.lower() != ".parquet":
-        return _json_beside(path)
-    return _parquet_metadata(parquet.read_schema(path))
-
-
 def _neighbours(folder: Path) -> str:
     """The recordings that do exist in a folder, for a message."""
     names = sorted(p.name for p in folder.glob("*") if p.suffix in (".parquet", ".csv"))
     return f"; {folder} has {', '.join(names)}" if names else ""
-
-
-def _parquet_metadata(schema: pa.Schema) -> dict[str, Any]:
-    """Key-value metadata of a Parquet file, without what other writers add."""
-    raw = {k.decode(): v.decode() for k, v in (schema.metadata or {}).items()}
-    return {key: value for key, value in raw.items() if key not in FOREIGN_METADATA}
-
-
-def _json_beside(path: Path) -> dict[str, Any]:
-    """The .json beside a .csv; nothing if it is not there."""
-    beside = path.with_suffix(".json")
-    if not beside.is_file():
-        return {}
-    return read_json(beside)
-
-
-def _metadata(raw: Mapping[str, Any], file: str) -> dict[str, Any]:
-    """Metadata in one form for both file types: text, but for `rate_hz`."""
-    metadata: dict[str, Any] = {
-        key: value if isinstance(value, str) else json.dumps(value, default=str)
-        for key, value in raw.items()
-    }
-    if metadata.get("base", "fixed") not in ("fixed", "floating"):
-        raise ValueError(
-            f"{file}: metadata base is {metadata['base']!r}; it is fixed or floating"
-        )
-    if metadata.get("command_unit", ANGLE) not in COMMAND_UNITS:
-        raise ValueError(
-            f"{file}: metadata command_unit is {metadata['command_unit']!r}; it is one "
-            f"of {', '.join(COMMAND_UNITS)}"
-        )
-    if "rate_hz" in metadata:
-        try:
-            rate = float(metadata["rate_hz"])
-        except ValueError:
-            rate = math.nan
-        if not 0.0 < rate < math.inf:
-            raise ValueError(
-                f"{file}: metadata rate_hz is {raw['rate_hz']!r}; it is a number > 0"
-            )
-        metadata["rate_hz"] = rate
-    return metadata
 
 
 def _numbers(column: pa.ChunkedArray, name: str, file: str) -> np.ndarray:

@@ -8,7 +8,8 @@ import numpy as np
 
 from gatjax.data.finding import DEGREES, Finding, Ranges, angle, cell
 from gatjax.data.mapping import UNITS, degrees_map
-from gatjax.data.recording import ANGLE, Recording
+from gatjax.data.metadata import ANGLE
+from gatjax.data.recording import Recording
 from gatjax.data.trajectories import GAP, RATE_TOLERANCE, JointRun, soon_after
 
 SLOWEST, FASTEST = 1.0, 1e-4  # s, no log of a servo has periods outside of these

@@ -9,7 +9,8 @@ import mujoco
 import numpy as np
 
 from gatjax.data.finding import Finding, cell
-from gatjax.data.recording import ANGLE, Recording
+from gatjax.data.metadata import ANGLE
+from gatjax.data.recording import Recording
 from gatjax.data.trajectories import JointRun
 from gatjax.robot import model as robot_model
 from gatjax.sim.episode import ties

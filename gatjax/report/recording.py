@@ -8,7 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from gatjax.data.recording import ANGLE, Recording
+from gatjax.data.metadata import ANGLE
+from gatjax.data.recording import Recording
 from gatjax.data.spill import release
 
 MOST = 12  # joints that are drawn

@@ -11,9 +11,10 @@ import pyarrow as pa
 from pyarrow import csv, parquet
 
 from gatjax.data.mapping import quantity_of
+from gatjax.data.metadata import told_of
 from gatjax.data.readers.arrays import TIMES, stamps_of
 from gatjax.data.readers.source import Given, Run, Source, Stream, Tell
-from gatjax.data.recording import check_once, told_of
+from gatjax.data.recording import check_once
 from gatjax.data.spill import Column, release
 
 SUBJECTS = ("joint", "name", "signal", "joint_name")  # columns of text in long tables
