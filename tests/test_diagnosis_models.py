@@ -16,9 +16,11 @@ from gatjax.cli.engine import heed_engine
 from gatjax.data import sampling
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import JointRun
+from gatjax.diagnosis import loads
 from gatjax.diagnosis.case import held
 from gatjax.diagnosis.diagnose import control_period
 from gatjax.diagnosis.joint import build
+from gatjax.diagnosis.motion import Motion
 from gatjax.diagnosis.suitable import check_replay
 from gatjax.sim.episode import coupled, coupled_speed
 from gatjax.sim.limbs import put_down
@@ -202,6 +204,36 @@ def test_tied_joints_follow_their_polynomial() -> None:
     assert np.array_equal(place, [2]) and np.allclose(speed, [-2.0])
 
 
+def test_what_gravity_pulls_grows_with_the_angle_as_inverse_dynamics_says() -> None:
+    """Of a heavier body, a moved one and another gravity; half of one is carried."""
+    text = PLAIN.replace('axis="0 0 1"', 'axis="0.6 0 0.8"')
+    text = text.replace('"box"', '"box" pos="0.05 0.02 0"')
+    model = mujoco.MjModel.from_xml_string(
+        text.replace('gravcomp="1"', 'gravcomp="0.5"')
+    )
+    tree = loads.Tree(model, model.actuator_trnid[:, 0])
+    draw = np.random.default_rng(3)
+    position = draw.uniform(-2.0, 2.0, (5, 2))
+    moved = Motion(np.arange(5.0), position, 0.0 * position, 0.0 * position)
+    rows = np.arange(5)
+    bodies, gravity = tree.turning(moved, rows)
+    before = tree.slopes(moved, rows)
+
+    def slope(other: mujoco.MjModel, size: float) -> np.ndarray:
+        again = loads.Tree(other, model.actuator_trnid[:, 0])
+        return (again.slopes(moved, rows) - before) / size
+
+    for joint in (0, 1):
+        for term, variant in enumerate(loads.changed(tree, joint)):
+            expected = slope(*variant)
+            np.testing.assert_allclose(bodies[:, :, joint, term], expected, atol=2e-4)
+    assert np.abs(bodies[:, 1, 1, :4]).max(0).min() > 0.01
+    for term in range(3):
+        other = loads.copied(model)
+        other.opt.gravity[term] += 1.0
+        np.testing.assert_allclose(gravity[..., term], slope(other, 1.0), atol=2e-4)
+
+
 def test_joints_of_one_motor_are_known_by_the_model() -> None:
     """A limit that the logs had to tell, and a joint that is drawn, do not count."""
     text = PLAIN.replace('kp="20" kv="1" forcerange="-6 6"', 'kp="4" kv="0.2"')
@@ -212,8 +244,8 @@ def test_joints_of_one_motor_are_known_by_the_model() -> None:
         wave = np.stack([0.3 * np.sin(5.0 * time), 0.1 * np.sin(8.0 * time)], axis=1)
         run = JointRun(0, time, wave, 0.9 * wave)
         base = held(robot, [run], 0)
-        moved, loads = base.weigh([], [])
-        arm, left = build(robot, base.tree, ("arm", "left"), [run], moved, loads)
+        moved, weighed = base.weigh([], [])
+        arm, left = build(robot, base.tree, ("arm", "left"), [run], moved, weighed)
         assert arm.nominal["limit"] != left.nominal["limit"]
         assert (arm.drawn(30.0).motor == left.motor) == same
 

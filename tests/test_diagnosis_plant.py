@@ -24,7 +24,8 @@ def joint(target, rest=0.0, inertia=0.018):
     empty = jnp.zeros((COUNT, 1, 1), jnp.float32)
     grid = laws.Grid(
         target=series, path=0.0 * flat, rest=rest * flat, slope=0.0 * flat,
-        inertia=inertia * flat, rest_terms=empty, inertia_terms=empty,
+        inertia=inertia * flat, rest_terms=empty,
+        slope_terms=empty, inertia_terms=empty,
         stiffness=flat, supply=flat, running=flat,
         clock=jnp.asarray(time[:, None], jnp.float32),
     )  # fmt: skip
@@ -50,6 +51,26 @@ def seen(one, geared=False, **drive):
 def test_a_loaded_servo_rests_where_its_spring_carries_the_load():
     angle = seen(joint(lambda t: 0.0, rest=1.0))
     assert angle[-1] == pytest.approx(-1.0 / NOMINAL["kp"], abs=1e-4)
+
+
+def test_gravity_is_exact_far_from_the_path_along_which_it_was_weighed():
+    """A pendulum that falls from 2 rad, weighed where it stands."""
+    length, first, h = 0.4, 2.0, 1e-5
+    pull, inertia = 9.81 * length, length**2
+    one = joint(lambda t: 0.0, rest=float(pull * np.sin(first)), inertia=inertia)
+    flat = jnp.ones_like(one.grid.path)
+    grid = one.grid._replace(
+        path=first * flat, slope=float(pull * np.cos(first)) * flat
+    )
+    free = {"hold": 0.0, "kp": 1.0, "kv": 0.0, "damping": 0.1}
+    angle = seen(one._replace(grid=grid, nominal=NOMINAL | free))
+    q, v, out = first, 0.0, []
+    for k in range(-LEAD * 100, 250_000):
+        if k >= 0 and k % 1000 == 0:
+            out.append(q)
+        v -= h * (pull * np.sin(q) + 0.1 * v) / (inertia + 0.012)
+        q += h * v
+    assert min(out) < -1.0 and np.max(np.abs(angle - np.array(out))) < 0.03
 
 
 def test_a_step_is_the_answer_of_a_damped_oscillator():
@@ -148,13 +169,14 @@ def test_a_gear_of_a_joint_without_armature_has_a_light_rotor():
 
 
 def test_heat_takes_gain_away_and_is_told():
-    one = joint(lambda t: 0.0, rest=1.5)
+    kp = 60.0  # it sags little: the load hardly turns
+    one = joint(lambda t: 0.0, rest=1.5)._replace(nominal=NOMINAL | {"kp": kp})
     cool = one.outcome([{}], False)
     assert float(cool.heat[0, 0]) > 0.05
     share = 0.5 / float(cool.heat[0, 0])
     sag = seen(one, heat=share)[-1] - seen(one)[-1]
     # Half of the gain is gone at the end: the load pulls the joint down twice as far.
-    assert sag == pytest.approx(-1.5 / NOMINAL["kp"], rel=0.15)
+    assert sag == pytest.approx(-1.5 / kp, rel=0.15)
 
 
 def test_the_sine_is_right_where_rates_and_times_take_it():

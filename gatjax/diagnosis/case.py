@@ -160,15 +160,16 @@ class Case:
         few = self.motions[0].time[:: weights.COARSE]
         grid = joint.grid
         first, last = weights.TERMS, weights.TERMS + len(weights.BODY_TERMS)
-        parts = []
-        for kind, terms in enumerate((grid.rest_terms, grid.inertia_terms)):
+        parts = {}
+        for kind, field in enumerate(weights.Load._fields):
+            name = f"{field}_terms"
             columns = [
                 motions.spread(time, few, load.bodies[kind, :, joint.index, other])
                 for load in self.loads
             ]
             series = jnp.asarray(np.stack(columns, 1), jnp.float32)
-            parts.append(terms.at[..., first:last].set(series))
-        changed = grid._replace(rest_terms=parts[0], inertia_terms=parts[1])
+            parts[name] = getattr(grid, name).at[..., first:last].set(series)
+        changed = grid._replace(**parts)
         return joint._replace(grid=changed, link=self.joints[other].link)
 
 

@@ -326,15 +326,17 @@ def _grids(
         "running": jnp.asarray(clock <= ends, jnp.float32),
     }
 
-    def terms(index: int, kind: int) -> list[np.ndarray]:
-        """Of bodies and gravity, by load: at rest (0) or per acceleration (1)."""
-        return [
+    def terms(index: int, name: str) -> Any:
+        """What tolerances, bodies and gravity change of a field of `Load`."""
+        kind = weights.Load._fields.index(name)
+        columns = [
             np.concatenate(
                 [a[kind][:, index], l.bodies[kind, :, index, index],
-                 (1 - kind) * l.gravity[:, index]], -1
+                 l.gravity[kind, :, index]], -1
             )
             for a, l in zip(added, loads, strict=True)
         ]  # fmt: skip
+        return series(columns, few)
 
     def own(parts: list[np.ndarray], index: int) -> Any:
         return jnp.asarray(np.stack([each[:, index] for each in parts], 1), jnp.float32)
@@ -347,8 +349,9 @@ def _grids(
             rest=series([l.nominal.rest[:, index] for l in loads]),
             slope=series([l.nominal.slope[:, index] for l in loads]),
             inertia=series([l.nominal.inertia[:, index] - armature for l in loads]),
-            rest_terms=series(terms(index, 0), few),
-            inertia_terms=series(terms(index, 1), few),
+            rest_terms=terms(index, "rest"),
+            slope_terms=terms(index, "slope"),
+            inertia_terms=terms(index, "inertia"),
             **same,
         )
 

@@ -65,7 +65,7 @@ class Drive(NamedTuple):
 class Grid(NamedTuple):
     """Series of one joint on the grid: [K, R] each, terms [K, R, B].
 
-    Once weighed, rest and inertia are those of each simulation, [K, R, S].
+    Once weighed, rest, slope and inertia are those of each simulation, [K, R, S].
     """
 
     target: Array
@@ -74,6 +74,7 @@ class Grid(NamedTuple):
     slope: Array
     inertia: Array  # of the link, armature excluded
     rest_terms: Array
+    slope_terms: Array
     inertia_terms: Array
     stiffness: Array  # share of the servo's gain that the log tells, 0: no power
     supply: Array  # load of the supply, 1 at its largest
@@ -103,10 +104,11 @@ def weighed(p: Drive, g: Grid) -> Grid:
     """The series with all terms of the load added up, for each of S simulations."""
     inertia = g.inertia[..., None] + g.inertia_terms @ p.terms.T
     rest = g.rest[..., None] + g.rest_terms @ p.terms.T
+    slope = g.slope[..., None] + g.slope_terms @ p.terms.T
     done = jnp.zeros((len(g.rest), 0))
     return g._replace(
-        inertia=jnp.maximum(inertia, 1e-6), rest=rest,
-        inertia_terms=done, rest_terms=done,
+        inertia=jnp.maximum(inertia, 1e-6), rest=rest, slope=slope,
+        inertia_terms=done, rest_terms=done, slope_terms=done,
     )  # fmt: skip
 
 
@@ -197,8 +199,13 @@ def ripple(p: Drive, angle: Array) -> Array:
 
 
 def link(p: Drive, g: Grid, q: Array, v: Array) -> tuple[Array, Array]:
-    """Inertia of the link and the torque on it [R, S], from a weighed grid."""
-    load = g.rest + g.slope[:, None] * (q - g.path[:, None])
+    """Inertia of the link and the torque on it [R, S], from a weighed grid.
+
+    Away from its path the load turns with the link, as that of a uniform field does.
+    """
+    off = q - g.path[:, None]
+    cosine = 1.0 - 2.0 * jnp.square(sine(0.5 * off))
+    load = g.rest * cosine + g.slope * sine(off)
     outside = p.wave * sine(p.frequency * g.clock[:, None] + p.wave_phase)
     outside += p.bias - p.spring * q - p.drag * jnp.abs(v) * v
     return g.inertia, outside - load

@@ -105,6 +105,56 @@ class Tree:
                     slope[row, joint] += sign * load / (2.0 * step)
         return slope
 
+    def turning(
+        self, motion: Motion, rows: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """How what gravity pulls at a joint grows with its angle, per unit of a term.
+
+        A mass with the lever S from an axis a pulls with -a.(S x g); its lever turns
+        with the joint, so that the derivative is S.(1 - a a')g.
+
+        Returns:
+            Of body terms [N, J, b, BODY_TERMS] and of gravity [N, J, GRAVITY_TERMS].
+        """
+        model, (axes, pivots, centres, frames) = self.model, self._places(motion, rows)
+        borne = 1.0 - model.body_gravcomp
+        bodies = np.zeros((len(rows), *2 * (len(self.body),), len(BODY_TERMS)))
+        gravity = np.zeros((*bodies.shape[:2], len(GRAVITY_TERMS)))
+        for dof, joint in zip(*np.nonzero(self.moves), strict=True):
+            part, body = self.moves[dof, joint] ** 2, int(model.dof_bodyid[dof])
+            axis, pivot = (each[:, model.dof_jntid[dof]] for each in (axes, pivots))
+            across = part * (np.eye(3) - axis[:, :, None] * axis[:, None, :])
+            pull, away = across @ model.opt.gravity, centres - pivot[:, None]
+            weight = borne * model.body_mass * _carried(model, body)
+            gravity[:, joint] += np.einsum("nij,nkj,k->ni", across, away, weight)
+            for place, other in enumerate(self.body):
+                share = borne[other] * bool(weight[other])
+                slope = bodies[:, joint, place]
+                slope[:, 0] += share * np.sum(away[:, other] * pull, -1)
+                turned = np.einsum("nji,nj->ni", frames[:, other], pull)
+                slope[:, 1:4] += weight[other] * turned
+        return bodies, gravity
+
+    def _places(self, motion: Motion, rows: np.ndarray) -> list[np.ndarray]:
+        """Axes, anchors, centres of mass and frames [N, ...] in the world."""
+        model, data = self.model, mujoco.MjData(self.model)
+        found = []
+        for qpos in self.placed(motion.position[rows]):
+            data.qpos[:] = qpos
+            mujoco.mj_kinematics(model, data)
+            frames = data.xmat.reshape(-1, 3, 3)
+            own = data.xaxis, data.xanchor, data.xipos, frames
+            found.append([each.copy() for each in own])
+        return [np.stack(series) for series in zip(*found, strict=True)]
+
+
+def _carried(model: mujoco.MjModel, body: int) -> np.ndarray:
+    """Whether each body [nbody] moves with one, or is it."""
+    found = np.zeros(model.nbody, bool)
+    for other in range(body, model.nbody):
+        found[other] = other == body or found[model.body_parentid[other]]
+    return found
+
 
 def perturbed(
     model: mujoco.MjModel, allowed: Tolerances, draw: np.random.Generator
@@ -151,8 +201,8 @@ class Loads(NamedTuple):
 
     nominal: Load
     draws: tuple[np.ndarray, np.ndarray]  # rest, inertia of perturbed bodies [m, J, D]
-    bodies: np.ndarray  # per unit of a body term of joint b [2, m, J, b, BODY_TERMS]
-    gravity: np.ndarray  # rest per m/s^2 of gravity [m, J, GRAVITY_TERMS]
+    bodies: np.ndarray  # a Load per unit of a term of body b [3, m, J, b, BODY_TERMS]
+    gravity: np.ndarray  # a Load per m/s^2 of gravity [3, m, J, GRAVITY_TERMS]
 
 
 def weigh(tree: Tree, motion: Motion, others: list[mujoco.MjModel]) -> Loads:
@@ -167,22 +217,23 @@ def weigh(tree: Tree, motion: Motion, others: list[mujoco.MjModel]) -> Loads:
     )
     rest, inertia = nominal.rest[few], nominal.inertia[few]
     drawn = [tree.loads(other, motion, few) for other in others]
-    bodies = np.empty((2, *rest.shape, rest.shape[1], len(BODY_TERMS)))
+    bodies = np.zeros((3, *rest.shape, rest.shape[1], len(BODY_TERMS)))
+    gravity = np.zeros((3, *rest.shape, len(GRAVITY_TERMS)))
+    bodies[1], gravity[1] = tree.turning(motion, few)
     for joint in range(len(tree.body)):
         for term, (other, size) in enumerate(changed(tree, joint)):
             load = tree.loads(other, motion, few)
             bodies[0, :, :, joint, term] = (load.rest - rest) / size
-            bodies[1, :, :, joint, term] = (load.inertia - inertia) / size
-    gravity = []
-    for change in np.eye(3):
+            bodies[2, :, :, joint, term] = (load.inertia - inertia) / size
+    for term, change in enumerate(np.eye(len(GRAVITY_TERMS))):
         turned = mujoco.MjModel.__copy__(tree.model)
         turned.opt.gravity[:] += change
-        gravity.append(tree.loads(turned, motion, few).rest - rest)
+        gravity[0, ..., term] = tree.loads(turned, motion, few).rest - rest
     draws = (
         np.stack([load.rest - rest for load in drawn], -1),
         np.stack([load.inertia - inertia for load in drawn], -1),
     )
-    return Loads(nominal, draws, bodies, np.stack(gravity, -1))
+    return Loads(nominal, draws, bodies, gravity)
 
 
 def changed(tree: Tree, joint: int) -> list[tuple[mujoco.MjModel, float]]:
@@ -214,18 +265,19 @@ def _spun(model: mujoco.MjModel, body: int, axis: np.ndarray) -> mujoco.MjModel:
     return other
 
 
-def shapes(loads: list[Loads]) -> list[tuple[np.ndarray, np.ndarray]]:
+def shapes(loads: list[Loads]) -> list[Load]:
     """Main load shapes that body tolerances may add, per run [m, J, TERMS].
 
     A unit of each is one standard deviation (principal components, joint by joint).
+    Their slopes are left out: they are a few percent of the nominal one.
     """
     sizes = [(*load.draws[0].shape[:2], TERMS) for load in loads]
-    out = [(np.zeros(size), np.zeros(size)) for size in sizes]
+    out = [Load(*(np.zeros(size) for _ in Load._fields)) for size in sizes]
     for joint in range(loads[0].draws[0].shape[1]):
         flat = np.concatenate([l.draws[0][:, joint] for l in loads])
         _, right = np.linalg.eigh(flat.T @ flat)
         mix = right[:, : -TERMS - 1 : -1] / np.sqrt(flat.shape[1])
-        for (rest, inertia), load in zip(out, loads, strict=True):
-            rest[:, joint] = load.draws[0][:, joint] @ mix
-            inertia[:, joint] = load.draws[1][:, joint] @ mix
+        for shape, load in zip(out, loads, strict=True):
+            shape.rest[:, joint] = load.draws[0][:, joint] @ mix
+            shape.inertia[:, joint] = load.draws[1][:, joint] @ mix
     return out

@@ -126,7 +126,7 @@ def bodies(tree: Tree, moments: list[Moment]) -> tuple[np.ndarray, np.ndarray]:
     A changed body pulls at all joints at once, and the servos share what it adds.
 
     Returns:
-        [2, m, J, b, BODY_TERMS] of rest and inertia, and [m, J, GRAVITY_TERMS] of rest.
+        Of Loads, slopes left out: [3, m, J, b, BODY_TERMS], [3, m, J, GRAVITY_TERMS].
     """
     model, joints = tree.model, tree.moves.shape[1]
     variants = [
@@ -138,8 +138,8 @@ def bodies(tree: Tree, moments: list[Moment]) -> tuple[np.ndarray, np.ndarray]:
         other.opt.gravity[:] += change
         turned.append(_Variant(other, 1.0))
     plain, dofs = _Variant(model, 1.0), _dofs(tree)
-    found = np.empty((2, len(moments), joints, joints, len(BODY_TERMS)))
-    gravity = np.empty((len(moments), joints, len(GRAVITY_TERMS)))
+    found = np.zeros((3, len(moments), joints, joints, len(BODY_TERMS)))
+    gravity = np.zeros((3, len(moments), joints, len(GRAVITY_TERMS)))
     for k, moment in enumerate(moments):
         force, mass = plain.taken(tree, moment)
         for joint, terms in enumerate(variants):
@@ -148,10 +148,10 @@ def bodies(tree: Tree, moments: list[Moment]) -> tuple[np.ndarray, np.ndarray]:
                 more = (heavy - mass) / variant.size
                 rest = moment.answer.share @ (pull - force) / variant.size
                 rest -= more * moment.acceleration[dofs]
-                found[:, k, :, joint, term] = rest, more
+                found[::2, k, :, joint, term] = rest, more
         for term, variant in enumerate(turned):
             pull, _ = variant.taken(tree, moment)
-            gravity[k, :, term] = moment.answer.share @ (pull - force)
+            gravity[0, k, :, term] = moment.answer.share @ (pull - force)
     return found, gravity
 
 
