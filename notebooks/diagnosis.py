@@ -31,7 +31,8 @@ import pyarrow.parquet as parquet
 
 from gatjax.data.recording import read_recording
 from gatjax.diagnosis.case import held, prepare
-from gatjax.diagnosis.diagnose import Logs, control_period, cut, diagnose
+from gatjax.diagnosis.diagnose import diagnose
+from gatjax.diagnosis.given import Logs, control_period, cut
 from gatjax.diagnosis.hypotheses import TOLERANCES
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.start import Start

@@ -8,7 +8,7 @@ from gatjax.cli.arguments import Diagnose, parse
 from gatjax.cli.diagnosis import read_given
 from gatjax.cli.found import gain_lines, named_lines, unseen_lines
 from gatjax.data.recording import Recording, write_recording
-from gatjax.diagnosis.diagnose import given as given_logs
+from gatjax.diagnosis.given import given as given_logs
 from gatjax.diagnosis.start import Start
 from gatjax.loop.staged import ENGINE, staged
 from gatjax.runs import Progress

@@ -7,9 +7,9 @@ from gatjax.data.recording import write_recording
 from gatjax.diagnosis import agreed, everywhere
 from gatjax.diagnosis.case import held, prepare
 from gatjax.diagnosis.claims import Claim
-from gatjax.diagnosis.diagnose import Logs, given
 from gatjax.diagnosis.everywhere import Option
 from gatjax.diagnosis.fit import Fit
+from gatjax.diagnosis.given import Logs, given
 from gatjax.diagnosis.hypotheses import Hypothesis
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.start import Start

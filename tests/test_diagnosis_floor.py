@@ -11,7 +11,7 @@ import pytest
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import joint as joints
-from gatjax.diagnosis.diagnose import Logs, diagnose
+from gatjax.diagnosis.diagnose import diagnose
 from gatjax.diagnosis.floor import (
     claims,
     played,
@@ -22,6 +22,7 @@ from gatjax.diagnosis.floor import (
     weights,
 )
 from gatjax.diagnosis.floor.channels import simulated
+from gatjax.diagnosis.given import Logs
 from gatjax.diagnosis.hypotheses import COUNT, numbers
 from gatjax.diagnosis.joint import STEP
 from gatjax.diagnosis.loads import Tree

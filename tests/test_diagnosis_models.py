@@ -18,7 +18,7 @@ from gatjax.data.recording import Recording
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import loads
 from gatjax.diagnosis.case import held
-from gatjax.diagnosis.diagnose import control_period
+from gatjax.diagnosis.given import control_period
 from gatjax.diagnosis.joint import build
 from gatjax.diagnosis.motion import Motion
 from gatjax.diagnosis.suitable import check_replay

@@ -12,7 +12,7 @@ from gatjax.data.recording import Recording, read_recording, write_recording
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import measure
 from gatjax.diagnosis.case import held, unfitted
-from gatjax.diagnosis.diagnose import Logs, given
+from gatjax.diagnosis.given import Logs, given
 from gatjax.diagnosis.start import Start
 from gatjax.sim.limbs import limbs_of
 from gatjax.sim.world import add_cause, nominal

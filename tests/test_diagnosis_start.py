@@ -13,9 +13,13 @@ import gatjax.surrogate.hidden
 from gatjax.data.recording import Recording
 from gatjax.diagnosis.bank import CAUSES, of_drive
 from gatjax.diagnosis.case import held, unfitted
-from gatjax.diagnosis.diagnose import Logs, diagnose, given
+from gatjax.diagnosis.closeness import lasting
+from gatjax.diagnosis.diagnose import diagnose
+from gatjax.diagnosis.fit import Fit, evidence, spread
+from gatjax.diagnosis.given import Logs, given
+from gatjax.diagnosis.hypotheses import COUNT
 from gatjax.diagnosis.start import ADDING, Start, _unfit, read_start
-from gatjax.diagnosis.tolerances import USUAL
+from gatjax.diagnosis.tolerances import USUAL, read_tolerances
 from gatjax.effects.catalogue import CATALOGUE
 from gatjax.robot.model import joint_names, load
 from gatjax.sim.replay import replay_many
@@ -182,10 +186,59 @@ def test_only_what_is_wrong_besides_is_named(tmp_path):
     rows = json.loads((tmp_path / "out" / "world.json").read_text())["effects"]
     assert [row["cause"] for row in rows[:2]] == ["load_friction", "dead_band"]
     assert found["made_by"]["world"] == str(tmp_path / "w.json")
+    assert read_tolerances(tmp_path / "out/tolerances.json").close("servo") < 1e-3
     again = diagnose(
         read_start(tmp_path / "out"), Logs(logs.held, []), tmp_path / "more", 0, silent
     )
     assert again["verdict"] == "none"
+
+
+def test_what_a_simulation_always_left_is_no_news(tmp_path):
+    """No cause wanders; as far as held-out logs did, later ones may, too."""
+    world = written(tmp_path / "w.json", ("first_order_lag", LAG))
+
+    def wandering(name, seed):
+        log = logged(world, name, seed)
+        draw = np.random.default_rng(seed)
+        wave = np.sin(2.0 * np.pi * draw.uniform(0.1, 0.6, 5) * log.time[:, None]
+                      + draw.uniform(0.0, 6.0, 5)).sum(1)  # fmt: skip
+        column = {"position.servo": log.columns["position.servo"] + 0.008 * wave}
+        return log._replace(columns=log.columns | column)
+
+    logs = Logs([logged(world, "fit", 1)], [wandering("held", 2)])
+    first = diagnose(Start(ARM), logs, tmp_path / "out", 0, silent)
+    assert [row["cause"] for row in first["causes"]] == ["first_order_lag"]
+    allowed = read_tolerances(tmp_path / "out/tolerances.json")
+    assert allowed.close("servo") == pytest.approx(0.008 * np.sqrt(2.5), rel=0.3)
+    assert 0.2 < allowed.lasts("servo") < 3.0  # waves of 0.1 to 0.6 Hz
+    known, later = read_start(tmp_path / "out"), Logs([wandering("later", 3)], [])
+    said = [
+        diagnose(known, later, tmp_path / str(k), 0, silent, some)["verdict"]
+        for k, some in enumerate((USUAL, allowed))
+    ]
+    assert said[0] != "none" and said[1] == "none"
+
+
+def test_residuals_that_last_count_as_one(tmp_path):
+    """Moving averages of 25 rows are independent after 0.5 s; nothing else changes."""
+    log = logged(written(tmp_path / "w.json"), "log", 0)
+    case = given(Start(ARM), Logs([log], []), 0)
+
+    def fitted(**told):
+        allowed = USUAL._replace(**told)
+        (joint,) = unfitted(held(case.model, case.logs, 0, allowed), case.logs).joints
+        time, valid = (np.tile(each, (20, 1)) for each in (joint.time, joint.valid))
+        joint = joint._replace(time=time, valid=valid)
+        rows, draw = int(joint.valid.sum()), np.random.default_rng(1)
+        series = np.convolve(draw.normal(size=rows + 24), np.ones(25), "valid")
+        empty = np.zeros((rows, COUNT)), np.eye(COUNT)
+        return joint, Fit(None, np.zeros(COUNT), 0.0, series, *empty, 1.0, True)
+
+    joint, fit = fitted()
+    assert lasting(joint, fit) == pytest.approx(0.5, rel=0.25)
+    long, again = fitted(lasting={"servo": 0.5})
+    assert evidence(long, again) == pytest.approx(0.2 * evidence(joint, fit))
+    assert spread(long) == pytest.approx(np.sqrt(5.0) * spread(joint))
 
 
 def test_how_close_is_close_enough_is_said_like_a_noise(tmp_path):

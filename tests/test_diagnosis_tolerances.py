@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from gatjax.diagnosis.tolerances import USUAL, read_tolerances
+from gatjax.diagnosis.tolerances import USUAL, check_joints, read_tolerances, surer
 
 
 def written(folder, **told):
@@ -19,6 +19,24 @@ def test_what_the_file_does_not_name_is_as_usual(tmp_path):
     assert found._replace(mass=USUAL.mass, kp=USUAL.kp) == USUAL
 
 
+def test_joints_may_have_to_come_close_each_by_itself(tmp_path):
+    path = written(tmp_path, mass=0.1, angle={"knee": 0.02})
+    found = read_tolerances(path)
+    assert [found.close(joint) for joint in ("knee", "hip")] == [0.02, 0.0]
+    assert USUAL._replace(angle=0.01).close("hip") == 0.01
+    check_joints(found, ("hip", "knee"), path)
+    with pytest.raises(ValueError, match=r"no joint 'knee'; joints are hip, ankle"):
+        check_joints(found, ("hip", "ankle"), path)
+    check_joints(USUAL, ("hip",), path)
+    lasting = read_tolerances(written(tmp_path, lasting={"knee": 2, "hip": 0.01}))
+    assert [lasting.lasts(joint) for joint in ("knee", "hip", "toe")] == [2, 0.1, 0.1]
+
+
+def test_what_was_sure_stays_sure():
+    allowed = USUAL._replace(mass=0.0, kp=0.2, angle=0.0, lasting={"knee": 0.01})
+    assert surer(allowed) == {"mass": 0.0}
+
+
 @pytest.mark.parametrize(
     ("told", "word"),
     [
@@ -26,6 +44,10 @@ def test_what_the_file_does_not_name_is_as_usual(tmp_path):
         ({"mass": -0.1}, "mass"),
         ({"mass": "ten"}, "mass"),
         ({"mass": True}, "mass"),
+        ({"angle": {"knee": -0.1}}, "angle of knee"),
+        ({"angle": {"knee": "ten"}}, "angle of knee"),
+        ({"mass": {"knee": 0.1}}, "mass"),
+        ({"lasting": {"knee": None}}, "lasting of knee"),
         ({"schema": "gatjax.world/1"}, "schema"),
     ],
 )

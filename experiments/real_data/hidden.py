@@ -2,7 +2,8 @@
 
 A robot is diagnosed on some of its logs until nothing new is named; the simulation
 that this gives is then told one thing wrong (a mass, a gain, shifted stamps, ...), or
-nothing, and diagnosed on other logs. Right is who names that one thing: first on a
+nothing, and diagnosed on other logs, with the tolerances that were left: as close as it
+came to logs that it was not made from. Right is who names that one thing: first on a
 robot of one joint, among others on an arm.
 """
 
@@ -21,7 +22,7 @@ from lies import Lie, of_arm, of_pendulum
 from rounds import repeated
 
 from gatjax.cli import main as gatjax
-from gatjax.data.recording import read_recording, write_recording
+from gatjax.data.recording import Recording, read_recording, write_recording
 from gatjax.diagnosis.aliases import ALIASES, ONE_JOINT
 from gatjax.diagnosis.start import Start, read_start
 from gatjax.runs import read_json, write_json
@@ -29,7 +30,6 @@ from gatjax.sim.world import write_world
 
 HERE = Path(__file__).parent
 LEFT = float(np.deg2rad(0.25))  # rad, that what is known of the pendulum leaves
-MIXED = (0, 3, 5, 6)  # of the logs of two gains: two motions of one, two of the other
 
 
 class Robot(NamedTuple):
@@ -41,7 +41,6 @@ class Robot(NamedTuple):
     logs: tuple[Path, ...]
     period: float  # s
     lies: dict[str, Lie | None]
-    limits: Path  # tolerances of what is known by then
 
 
 def told(lie: Lie | None, robot: Robot, world: Path, out: Path) -> list[str]:
@@ -58,7 +57,7 @@ def told(lie: Lie | None, robot: Robot, world: Path, out: Path) -> list[str]:
     for log in robot.logs:
         files.append(str(out / log.name))
         write_recording(files[-1], lie.log(read_recording(log)))
-    given = ["--data", *files, "--tolerances", str(robot.limits)]
+    given = ["--data", *files, "--tolerances", str(world.parent / "tolerances.json")]
     return ["--world", str(out / "start.json"), *given]
 
 
@@ -114,43 +113,55 @@ def tried(
 
 
 def of_bam(out: Path) -> Iterator[Robot]:
-    """The servo, known from all motions at half of its gains, told lies on the others.
+    """The servo at four gains with four motions each, in four parts of a Latin square.
 
-    What is known from some motions does not describe every other one (README): then
-    more than the lie would be wrong. Four of eight logs, of both gains and all motions.
+    Every part has all gains and all motions. It is known from two parts (each motion at
+    two gains, one four times the other), how close that comes is measured on the third,
+    and lies are told on the fourth.
     """
     source = out / "bam"
     source.mkdir(parents=True, exist_ok=True)
     logs = sorted((HERE / "data/bam").glob("*.parquet"))
     for log in logs:
         write_recording(source / log.name, bam.even(read_recording(log)))
-    wide, limits = source / "wide.json", source / "tolerances.json"
+    wide = source / "wide.json"
     write_json(wide, bam.TOLERANCES)
-    write_json(limits, {name: bam.TOLERANCES[name] for name in ("schema", "angle")})
     lies = {"unaltered": None} | of_pendulum("servo", 0.03)
-    for gains in ((100, 400), (200, 800), (100, 200), (400, 800)):
-        known, others = (
-            [source / log.name for log in logs
-             if (int(log.name.split("_")[0][2:]) in gains) is this]
-            for this in (True, False)
-        )  # fmt: skip
-        title = f"bam_{gains[0]}_{gains[1]}"
-        given = ("--data", *map(str, known), "--tolerances", str(wide))
-        then = tuple(others[k] for k in MIXED)
-        yield Robot(title, bam.MODEL, given, then, bam.PERIOD, lies, limits)
+    files = [source / log.name for log in logs]  # by gain, then by motion
+    parts = [[files[4 * gain + (gain + k) % 4] for gain in range(4)] for k in range(4)]
+    for number in range(4):
+        one, third, two, fourth = parts[number:] + parts[:number]
+        given = ["--data", *map(str, (*one, *two)), "--held-out", *map(str, third)]
+        first = (*given, "--tolerances", str(wide))
+        yield Robot(f"bam_{number}", bam.MODEL, first, tuple(fourth), bam.PERIOD, lies)
+
+
+def only(log: Recording, rows: np.ndarray) -> Recording:
+    """A log without all other rows."""
+    columns = {name: values[rows] for name, values in log.columns.items()}
+    trajectory = log.trajectory[rows]
+    return log._replace(time=log.time[rows], trajectory=trajectory, columns=columns)
 
 
 def of_dfki(out: Path) -> Iterator[Robot]:
-    """The pendulum, known from one of its runs and told lies on the other."""
+    """The pendulum, known from one of its runs and told lies on the other.
+
+    How close that comes is measured on each third part of the first one.
+    """
     (out / "dfki").mkdir(parents=True, exist_ok=True)
     swings = tuple(map(Path, dfki.swung(dfki.LIGHT, out / "dfki")))
     limits = out / "dfki/tolerances.json"
     write_json(limits, dfki.USUAL | {"angle": LEFT, "friction": 0.1})
     lies = {"unaltered": None} | of_pendulum("motor", 0.15)
     for one, other in (swings, swings[::-1]):
-        given = ("--data", str(one), "--tolerances", str(limits))
-        title = f"dfki_{one.stem}"
-        yield Robot(title, dfki.MODEL, given, (other,), 0.005, lies, limits)
+        log, title = read_recording(one), f"dfki_{one.stem}"
+        third = log.trajectory % 3 == 2
+        halves = [one.with_stem(f"{one.stem}_{role}") for role in ("fit", "held")]
+        for file, rows in zip(halves, (~third, third), strict=True):
+            write_recording(file, only(log, rows))
+        first = ("--data", str(halves[0]), "--held-out", str(halves[1]),
+                 "--tolerances", str(limits))  # fmt: skip
+        yield Robot(title, dfki.MODEL, first, (other,), 0.005, lies)
 
 
 def of_so101(out: Path) -> Iterator[Robot]:
@@ -161,13 +172,11 @@ def of_so101(out: Path) -> Iterator[Robot]:
         files.append(tuple(out / f"so101/{name}.parquet" for name in names))
         for file, log in zip(files[-1], so101.logs(names), strict=True):
             write_recording(file, log)
-    wide, limits = so101.TOLERANCES, out / "so101/tolerances.json"
-    allowed = read_json(wide)
-    write_json(limits, {name: allowed[name] for name in ("schema", "angle")})
-    for number, (first, then) in enumerate((files, files[::-1])):
-        given = ("--data", *map(str, first), "--tolerances", str(wide))
+    for number, (known, others) in enumerate((files, files[::-1])):
+        given = ["--data", *map(str, known), "--held-out", *map(str, others[::2])]
+        first = (*given, "--tolerances", str(so101.TOLERANCES))
         lies = {"unaltered": None} | ({} if number else of_arm())
-        yield Robot(f"so101_{number}", so101.MODEL, given, then, 0.0201, lies, limits)
+        yield Robot(f"so101_{number}", so101.MODEL, first, others[1::2], 0.0201, lies)
 
 
 def compared(out: Path) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from gatjax.cli import main as gatjax
 from gatjax.data.recording import Recording, read_recording, write_recording
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import measure
-from gatjax.diagnosis.diagnose import control_period, cut
+from gatjax.diagnosis.given import control_period, cut
 from gatjax.diagnosis.start import Start, read_start
 from gatjax.grounding.network import Network
 from gatjax.robot import model as robot_model

@@ -28,8 +28,9 @@ from gatjax.data.recording import (
     read_recording,
 )
 from gatjax.data.trajectories import check_logged
-from gatjax.diagnosis.diagnose import Logs, diagnose
+from gatjax.diagnosis.diagnose import diagnose
 from gatjax.diagnosis.excerpt import shortened
+from gatjax.diagnosis.given import Logs
 from gatjax.diagnosis.start import Start, read_start
 from gatjax.diagnosis.suitable import (
     cautions,
@@ -37,13 +38,13 @@ from gatjax.diagnosis.suitable import (
     check_model,
     check_ranges,
 )
-from gatjax.diagnosis.tolerances import USUAL, Tolerances, read_tolerances
+from gatjax.diagnosis.tolerances import USUAL, Tolerances, check_joints, read_tolerances
 from gatjax.loop.staged import staged
 from gatjax.report.diagnosis import write_report
 from gatjax.robot import model as robot_model
 from gatjax.sim.limbs import floats
 
-WRITTEN = ("extended.xml", "signals.parquet", "world.json")
+WRITTEN = ("extended.xml", "signals.parquet", "tolerances.json", "world.json")
 SAME_RATE = 1.05  # longest over shortest median period of the files
 
 
@@ -60,8 +61,11 @@ def read_given(verb: Diagnose) -> tuple[Start, Logs, Tolerances]:
     start = _start(verb)
     model = start.model()
     check_model(model, Path(start.source))
-    _check_files(verb, [Path(start.source), Path(start.world_file or start.source)])
+    given = start.source, start.world_file, verb.tolerances
+    _check_files(verb, [Path(file) for file in given if file is not None])
     joints = robot_model.joint_names(model)
+    if verb.tolerances is not None:
+        check_joints(allowed, joints, verb.tolerances)
     ranges = {
         joint: (float(low), float(high)) if limited else (-np.inf, np.inf)
         for joint, limited, (low, high) in zip(
@@ -182,5 +186,7 @@ def said(found: dict[str, Any], out: Path, report: Path) -> list[str]:
         f"report     {report}",
         f"numbers    {out / 'diagnosis.json'}",
         f"simulation {out / 'world.json'}: use it as --world, as docs/files.md says",
+        f"how close  {out / 'tolerances.json'}: what it leaves of the angles; with "
+        f"--world and --tolerances a later diagnosis names what changed beyond that",
         f"model      {out / 'extended.xml'}: what plain MJCF can say of it",
     ]

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-import mujoco
 import numpy as np
 
 import gatjax
-from gatjax.data.recording import Recording
-from gatjax.data.trajectories import JointRun, to_arrays
+from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import (
+    closeness,
     experiment,
     extend,
     fallback,
@@ -23,18 +22,14 @@ from gatjax.diagnosis import (
     result,
     sensitivity,
 )
-from gatjax.diagnosis.case import held, prepare
 from gatjax.diagnosis.drawn import drawn_errors
-from gatjax.diagnosis.excerpt import excerpt
-from gatjax.diagnosis.floor import channels, standing
-from gatjax.diagnosis.floor.judge import StandingJudge
 from gatjax.diagnosis.gain import Predicted, gained, half_second
-from gatjax.diagnosis.judge import Judge
+from gatjax.diagnosis.given import Given, Logs, Tell, given, judged
 from gatjax.diagnosis.logged import signals
 from gatjax.diagnosis.signals import write_signals
 from gatjax.diagnosis.start import Start
 from gatjax.diagnosis.suitable import check_replay
-from gatjax.diagnosis.tolerances import USUAL, Tolerances
+from gatjax.diagnosis.tolerances import SCHEMA, USUAL, Tolerances, surer
 from gatjax.diagnosis.unexplained import conditions
 from gatjax.diagnosis.unseen import Seen, borne_out
 from gatjax.diagnosis.verdict import Verdict, conclude, doubted
@@ -42,81 +37,7 @@ from gatjax.robot import model as robot_model
 from gatjax.runs import write_json
 from gatjax.sim import world as worlds
 from gatjax.sim.compiled import on_cpu
-from gatjax.sim.limbs import floats
 from gatjax.sim.world import World
-
-Tell = Callable[[str, float], None]
-RATES = (50.0, 250.0 / 3.0, 100.0)  # Hz, of control
-
-
-def cut(recordings: list[Recording], joints: tuple[str, ...]) -> list[JointRun]:
-    """Cut recordings into runs of the model's joints."""
-    return [run for recording in recordings for run in to_arrays(recording, joints)]
-
-
-def control_period(runs: list[JointRun]) -> float:
-    """Mean period of the logs, s, gaps apart; of whole Hz or a usual rate if near."""
-    steps = np.concatenate([np.diff(run.time) for run in runs])
-    ticks = np.maximum(np.round(steps / np.median(steps)), 1.0)
-    period = float(steps.sum() / ticks.sum())
-    whole = float(round(1.0 / period))
-    if abs(whole * period - 1.0) < 0.001:
-        return 1.0 / whole
-    return next((1.0 / r for r in RATES if abs(r * period - 1.0) < 0.02), period)
-
-
-class Logs(NamedTuple):
-    """Recordings of one robot for its diagnosis.
-
-    Nothing is fitted to those that are held out: they measure the gain, and causes that
-    do not predict them are doubted. There may be none.
-    """
-
-    fit: list[Recording]
-    held: list[Recording]
-    checks: Sequence[dict[str, str]] = ()  # what `data.checks.summary` says of them
-
-
-class Given(NamedTuple):
-    """What a diagnosis works on."""
-
-    start: Start
-    model: mujoco.MjModel
-    joints: tuple[str, ...]
-    files: Logs  # of long ones to be explained pieces
-    logs: list[JointRun]  # to be explained
-    whole: list[JointRun]  # the same, uncut
-    unseen: list[JointRun]  # held out
-    period: float  # s, of control
-    seed: int
-
-    @property
-    def floating(self) -> bool:
-        """Whether the robot stands on the floor."""
-        return floats(self.model)
-
-
-def given(start: Start, files: Logs, seed: int) -> Given:
-    """Load the model, and cut recordings into runs of its joints."""
-    model = start.model()
-    joints = robot_model.joint_names(model)
-    whole = files.fit
-    if not floats(model):
-        files = files._replace(fit=excerpt(whole, len(joints)))
-    logs, unseen, taught = (
-        [_limited(model, run) for run in cut(some, joints)]
-        for some in (files.fit, files.held, whole)
-    )
-    pieces = files.fit[0] is not whole[0]
-    logs = [run._replace(within=pieces) for run in logs]
-    period = control_period(logs)
-    return Given(start, model, joints, files, logs, taught, unseen, period, seed)
-
-
-def _limited(model: mujoco.MjModel, run: JointRun) -> JointRun:
-    """A run with its commands as the actuators take them: within their ranges."""
-    low, high = robot_model.command_range(model)
-    return run._replace(command=np.clip(run.command, low, high))
 
 
 @on_cpu()
@@ -135,8 +56,8 @@ def diagnose(
     Args:
         start: the model, and what is known of the robot besides.
         files: what the robot did.
-        out: folder for diagnosis.json, signals.parquet, world.json, extended.xml, and
-            learned/ where a joint is not explained.
+        out: folder for diagnosis.json, signals.parquet, world.json, extended.xml,
+            tolerances.json, and learned/ where a joint is not explained.
         seed: of everything that is drawn.
         tell: is called with a stage and the share of it that is done.
         allowed: how far the numbers of the model may be off.
@@ -166,7 +87,7 @@ def diagnose(
         ):
             servos = robot_model.servoed(data.model)
             check_replay(start.source, part, runs, angles, servos)
-    verdict = conclude(_judge(data, tell, allowed))
+    verdict = conclude(judged(data, tell, allowed))
     tell("extend", 0.0)
     if data.floating:  # what it logged upright
         data = data._replace(logs=verdict.judge.case.runs)
@@ -183,23 +104,15 @@ def diagnose(
     )
     made_by = {"verb": "diagnose", "seed": seed}
     worlds.write_world(out / "world.json", made["extended"], made_by, None)
+    left = closeness.left(verdict, data, made["extended"])
+    left |= {"schema": SCHEMA} | surer(allowed)
+    write_json(out / "tolerances.json", left)
     mjcf.write_model(out / "extended.xml", made["extended"])
     text["made_by"] = _made_by(start, seed, allowed)
     text["seconds"] = round(time.monotonic() - began, 1)
     text["data_checks"] = list(files.checks)
     write_json(out / "diagnosis.json", text)
     return text
-
-
-def _judge(data: Given, tell: Tell, allowed: Tolerances) -> Judge:
-    """The judge of a case, tolerances fitted."""
-    model, logs, seed = data.model, data.logs, data.seed
-    if not data.floating:
-        base = held(model, logs, seed, allowed, data.start.joints(model))
-        return Judge(prepare(base, logs, tell), tell)
-    felt = [run for recording in data.files.fit for run in channels.cut(recording)]
-    base = standing.prepare(model, logs, felt, data.period, tell, seed, allowed)
-    return StandingJudge(prepare(base, base.runs, tell), base, tell)
 
 
 def _borne_out(

@@ -21,10 +21,10 @@ from gatjax.diagnosis.hypotheses import (
     numbers,
 )
 from gatjax.diagnosis.joint import Joint
+from gatjax.diagnosis.tolerances import CORRELATED
 
 INFLATION = 3.0  # of the reading noise: readings within CORRELATED count as one
 LEFT = 1.5  # times the reading noise, that the best model leaves
-CORRELATED = 0.1  # s after which residuals are taken as independent
 FLOOR = 0.9  # of the reading noise: no fit is better
 STEP = 0.15  # of a tolerance, for the finite differences
 FAINT = 1e-6  # prior information on a cause's coordinates, against singular fits
@@ -57,7 +57,12 @@ class Fit(NamedTuple):
 
 def spread(joint: Joint) -> float:
     """Standard deviation by which a fit weighs residuals, rad."""
-    return INFLATION * joint.noise
+    return INFLATION * joint.noise * float(np.sqrt(lasts(joint) / CORRELATED))
+
+
+def lasts(joint: Joint) -> float:
+    """Time after which residuals of a joint are taken as independent, s."""
+    return joint.allowed.lasts(joint.name)
 
 
 Point = tuple[Hypothesis | None, np.ndarray]
@@ -140,13 +145,13 @@ def start(joint: Joint, points: Sequence[Point]) -> list[Fit]:
 def independent(joint: Joint) -> float:
     """Number of independent residuals in the runs of a joint."""
     period = np.diff(joint.time, axis=1)[joint.valid[:, 1:]].mean()
-    return float(joint.valid.sum() * period / CORRELATED)
+    return float(joint.valid.sum() * period / lasts(joint))
 
 
 def evidence(joint: Joint, fit: Fit) -> float:
     """Log evidence of a fit in nats, up to a constant of the joint.
 
-    The misfit is noise of unknown size, independent every CORRELATED seconds (the size
+    The misfit is noise of unknown size, independent after a time (CORRELATED; the size
     integrated out, Bretthorst 1988, eq. 3.17): a fit gains by the ratio of residuals,
     so a small modelling error beside a large effect does not look certain.
     """

@@ -85,7 +85,9 @@ def gained(
 
 def _reading(case: Case) -> float:
     """Noise of the readings of all joints, rad; how close is close enough left out."""
-    power = [joint.noise**2 - joint.allowed.angle**2 for joint in case.joints]
+    power = [
+        joint.noise**2 - joint.allowed.close(joint.name) ** 2 for joint in case.joints
+    ]
     return float(np.sqrt(np.mean(power)))
 
 

@@ -253,7 +253,7 @@ def build(
     time = motions.grid_time(runs, STEP)
     lead = int(np.sum(time < -0.5 * STEP))
     rows = -(-max(len(run.time) for run in runs) // ROWS) * ROWS
-    noise = np.hypot(noise_of(runs), allowed.angle)
+    noise = np.hypot(noise_of(runs), [allowed.close(name) for name in names])
     supply = supply_load(model, tree, moved, loads)
     total = assumed[0].supply if assumed else None
     grids = _grids(runs, moved, loads, _share(supply, total))

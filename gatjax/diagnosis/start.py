@@ -169,6 +169,15 @@ def read_start(path: Path) -> Start:
             f"{file} has a grounding, which hides causes; diagnose from a world without"
         )
     world, _ = worlds.read_world(path)
+    return started(world, file)
+
+
+def started(world: World, file: Path) -> Start:
+    """What a world knows, as a start; `file` has it, or will.
+
+    Raises:
+        ValueError: it has what a diagnosis cannot start from.
+    """
     seen: set[tuple[str, str]] = set()
     for row in world.causes:
         cause, places = row["cause"], _places(world, row)

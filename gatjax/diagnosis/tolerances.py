@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from gatjax.runs.files import read_json
 
 SCHEMA = "gatjax.tolerances/1"
+CORRELATED = 0.1  # s after which residuals are taken as independent
 SHARES = ("kp", "kv", "damping", "armature", "limit", "friction", "give")
 """Tolerances that are shares of a joint's nominal number."""
+BY_JOINT = ("angle", "lasting")
+"""Tolerances that joints may have each by itself."""
 
 
 class Tolerances(NamedTuple):
@@ -32,7 +35,22 @@ class Tolerances(NamedTuple):
     com: float = 0.002  # m
     inertia: float = 0.05  # share
     tilt: float = float(np.deg2rad(0.2))  # rad, of the mounting
-    angle: float = 0.0  # rad, of all angles: how close a simulation has to come
+    angle: float | dict[str, float] = 0.0
+    """How close a simulation has to come, rad: at all joints, or by name."""
+    lasting: float | dict[str, float] = CORRELATED
+    """How long it stays off, s: residuals within that count as one; or by name."""
+
+    def close(self, joint: str) -> float:
+        """How close a simulation of a joint has to come, rad."""
+        return (
+            self.angle.get(joint, 0.0) if isinstance(self.angle, dict) else self.angle
+        )
+
+    def lasts(self, joint: str) -> float:
+        """Time after which residuals of a joint are independent, s."""
+        own = self.lasting
+        told = own.get(joint, CORRELATED) if isinstance(own, dict) else own
+        return max(told, CORRELATED)
 
 
 USUAL = Tolerances()
@@ -52,13 +70,46 @@ def read_tolerances(path: Path) -> Tolerances:
     told = read_json(path)
     if told.pop("schema", SCHEMA) != SCHEMA:
         raise ValueError(f"{path}: not a file of tolerances; its schema is {SCHEMA}")
-    for name, size in told.items():
+    for name in told:
         if name not in Tolerances._fields:
             known = ", ".join(Tolerances._fields)
             raise ValueError(f"{path}: no tolerance is called {name!r}; use {known}")
+    sizes = dict(told)
+    for kind in BY_JOINT:
+        if isinstance(told.get(kind), dict):
+            own = sizes.pop(kind).items()
+            sizes |= {f"{kind} of {joint}": size for joint, size in own}
+    for name, size in sizes.items():
         number = isinstance(size, int | float) and not isinstance(size, bool)
         if not (number and math.isfinite(size) and size >= 0.0):
             raise ValueError(
                 f"{path}: {name} is {size!r}; give one standard deviation, 0 or more"
             )
-    return Tolerances(**told)
+    return Tolerances(**{name: _floats(told[name]) for name in told})
+
+
+def _floats(told: Any) -> Any:
+    """A tolerance, or those of some joints."""
+    if isinstance(told, dict):
+        return {joint: float(size) for joint, size in told.items()}
+    return float(told)
+
+
+def surer(allowed: Tolerances) -> dict[str, float]:
+    """Tolerances of a model's numbers that are smaller than usual."""
+    numbers = set(Tolerances._fields) - set(BY_JOINT)
+    pairs = allowed._asdict().items()
+    return {k: size for k, size in pairs if k in numbers and size < getattr(USUAL, k)}
+
+
+def check_joints(allowed: Tolerances, joints: tuple[str, ...], path: Path) -> None:
+    """Refuse a file that is about joints of another robot.
+
+    Raises:
+        ValueError: one line with the first joint that there is not.
+    """
+    told = (getattr(allowed, kind) for kind in BY_JOINT)
+    for name in (name for own in told if isinstance(own, dict) for name in own):
+        if name not in joints:
+            known = ", ".join(joints)
+            raise ValueError(f"{path}: there is no joint {name!r}; joints are {known}")

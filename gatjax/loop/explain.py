@@ -10,7 +10,8 @@ import numpy as np
 from gatjax.data import checks
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import split_by_trajectory
-from gatjax.diagnosis.diagnose import Logs, diagnose
+from gatjax.diagnosis.diagnose import diagnose
+from gatjax.diagnosis.given import Logs
 from gatjax.diagnosis.start import Start
 from gatjax.loop.collect import collect, collect_motion
 from gatjax.loop.ground import HELD_OUT, STABILITY_ROLLOUTS, count_falls

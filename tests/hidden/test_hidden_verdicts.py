@@ -5,7 +5,8 @@ import json
 import pytest
 
 from gatjax.data.recording import read_recording
-from gatjax.diagnosis.diagnose import Logs, diagnose
+from gatjax.diagnosis.diagnose import diagnose
+from gatjax.diagnosis.given import Logs
 from gatjax.diagnosis.start import Start
 from gatjax.surrogate.hidden import write_cases
 

@@ -12,10 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from gatjax.data.trajectories import JointRun
-from gatjax.diagnosis.fit import CORRELATED, FLOOR
+from gatjax.diagnosis.fit import FLOOR
 from gatjax.diagnosis.floor.channels import Channels, simulated
 from gatjax.diagnosis.floor.played import Rows
 from gatjax.diagnosis.floor.standing import Standing
+from gatjax.diagnosis.tolerances import CORRELATED
 from gatjax.robot.model import joint_names
 
 BIASES = {"gyro": 0.005, "accelerometer": 0.05, "orientation": 0.0017, "force": 0.6}

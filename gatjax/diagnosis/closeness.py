@@ -1,0 +1,71 @@
+"""How close a simulation comes to logs: what the next diagnosis may leave, too.
+
+No simulation of a real robot is right within an encoder's step. Whoever asks what has
+changed since the last logs wants to hear of more than what was left of those.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from gatjax.diagnosis.fit import Fit
+from gatjax.diagnosis.given import Given, Logs, given, judged
+from gatjax.diagnosis.joint import Joint
+from gatjax.diagnosis.start import started
+from gatjax.diagnosis.tolerances import USUAL
+from gatjax.diagnosis.verdict import Verdict
+from gatjax.sim.world import World
+
+WINDOW = 2.0  # correlation times: an exponential's integral is right within 2 %
+
+
+def left(verdict: Verdict, data: Given, world: World) -> dict[str, dict[str, float]]:
+    """What a simulation leaves of the angles of each joint, as tolerances by joint.
+
+    Besides noise, rad rms, and how long it lasts, s. Of held-out logs, if there are
+    any, with its numbers fitted within the usual tolerances; else of those that it was
+    made from.
+
+    Args:
+        verdict: of the diagnosis.
+        data: that it is about.
+        world: the simulation that it extended.
+    """
+    joints, fits = verdict.judge.joints, verdict.judge.known
+    if data.files.held and not data.floating:
+        try:
+            start = started(world, Path(data.start.source))
+        except ValueError:  # no diagnosis goes on from it
+            start = None
+        if start is not None:
+            other = given(start, Logs(data.files.held, []), data.seed)
+            case = judged(other, lambda stage, share: None, USUAL).case
+            joints, fits = case.joints, case.healthy
+    pairs = list(zip(joints, fits, strict=True))
+    return {
+        "angle": {joint.name: _beyond_noise(joint, fit) for joint, fit in pairs},
+        "lasting": {joint.name: lasting(joint, fit) for joint, fit in pairs},
+    }
+
+
+def lasting(joint: Joint, fit: Fit) -> float:
+    """Correlation time of what a fit leaves, s: the integral of its autocorrelation.
+
+    All runs together, over WINDOW correlation times (Sokal 1997, section 3).
+    """
+    left, (_, rows) = np.zeros_like(joint.time), joint.time.shape
+    left[joint.valid] = fit.residual
+    size = 2 * rows
+    power = np.square(np.abs(np.fft.rfft(left, size, axis=1))).sum(0)
+    series = np.fft.irfft(power, size)[:rows]
+    times = 2.0 * np.cumsum(series) / max(series[0], 1e-30) - 1.0
+    wide = np.arange(rows) >= WINDOW * times
+    period = np.median(np.diff(joint.time, axis=1)[joint.valid[:, 1:]])
+    return float(period * times[np.argmax(wide) if wide.any() else -1])
+
+
+def _beyond_noise(joint: Joint, fit: Fit) -> float:
+    noise = joint.noise**2 - joint.allowed.close(joint.name) ** 2
+    return float(np.sqrt(max(fit.rms() ** 2 - noise, 0.0)))

@@ -1,0 +1,105 @@
+"""What a diagnosis works on: a model, logs of one robot, and their runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from gatjax.data.recording import Recording
+from gatjax.data.trajectories import JointRun, to_arrays
+from gatjax.diagnosis.case import held, prepare
+from gatjax.diagnosis.excerpt import excerpt
+from gatjax.diagnosis.floor import channels, standing
+from gatjax.diagnosis.floor.judge import StandingJudge
+from gatjax.diagnosis.judge import Judge
+from gatjax.diagnosis.start import Start
+from gatjax.diagnosis.tolerances import Tolerances
+from gatjax.robot import model as robot_model
+from gatjax.sim.limbs import floats
+
+Tell = Callable[[str, float], None]
+RATES = (50.0, 250.0 / 3.0, 100.0)  # Hz, of control
+
+
+def cut(recordings: list[Recording], joints: tuple[str, ...]) -> list[JointRun]:
+    """Cut recordings into runs of the model's joints."""
+    return [run for recording in recordings for run in to_arrays(recording, joints)]
+
+
+def control_period(runs: list[JointRun]) -> float:
+    """Mean period of the logs, s, gaps apart; of whole Hz or a usual rate if near."""
+    steps = np.concatenate([np.diff(run.time) for run in runs])
+    ticks = np.maximum(np.round(steps / np.median(steps)), 1.0)
+    period = float(steps.sum() / ticks.sum())
+    whole = float(round(1.0 / period))
+    if abs(whole * period - 1.0) < 0.001:
+        return 1.0 / whole
+    return next((1.0 / r for r in RATES if abs(r * period - 1.0) < 0.02), period)
+
+
+class Logs(NamedTuple):
+    """Recordings of one robot for its diagnosis.
+
+    Nothing is fitted to those that are held out: they measure the gain, and causes that
+    do not predict them are doubted. There may be none.
+    """
+
+    fit: list[Recording]
+    held: list[Recording]
+    checks: Sequence[dict[str, str]] = ()  # what `data.checks.summary` says of them
+
+
+class Given(NamedTuple):
+    """What a diagnosis works on."""
+
+    start: Start
+    model: mujoco.MjModel
+    joints: tuple[str, ...]
+    files: Logs  # of long ones to be explained pieces
+    logs: list[JointRun]  # to be explained
+    whole: list[JointRun]  # the same, uncut
+    unseen: list[JointRun]  # held out
+    period: float  # s, of control
+    seed: int
+
+    @property
+    def floating(self) -> bool:
+        """Whether the robot stands on the floor."""
+        return floats(self.model)
+
+
+def given(start: Start, files: Logs, seed: int) -> Given:
+    """Load the model, and cut recordings into runs of its joints."""
+    model = start.model()
+    joints = robot_model.joint_names(model)
+    whole = files.fit
+    if not floats(model):
+        files = files._replace(fit=excerpt(whole, len(joints)))
+    logs, unseen, taught = (
+        [_limited(model, run) for run in cut(some, joints)]
+        for some in (files.fit, files.held, whole)
+    )
+    pieces = files.fit[0] is not whole[0]
+    logs = [run._replace(within=pieces) for run in logs]
+    period = control_period(logs)
+    return Given(start, model, joints, files, logs, taught, unseen, period, seed)
+
+
+def _limited(model: mujoco.MjModel, run: JointRun) -> JointRun:
+    """A run with its commands as the actuators take them: within their ranges."""
+    low, high = robot_model.command_range(model)
+    return run._replace(command=np.clip(run.command, low, high))
+
+
+def judged(data: Given, tell: Tell, allowed: Tolerances) -> Judge:
+    """The judge of a case, tolerances fitted."""
+    model, logs, seed = data.model, data.logs, data.seed
+    if not data.floating:
+        base = held(model, logs, seed, allowed, data.start.joints(model))
+        return Judge(prepare(base, logs, tell), tell)
+    felt = [run for recording in data.files.fit for run in channels.cut(recording)]
+    base = standing.prepare(model, logs, felt, data.period, tell, seed, allowed)
+    return StandingJudge(prepare(base, base.runs, tell), base, tell)
