@@ -236,6 +236,8 @@ def test_residuals_that_last_count_as_one(tmp_path):
 
     joint, fit = fitted()
     assert lasting(joint, fit) == pytest.approx(0.5, rel=0.25)
+    swapped = fit._replace(residual=np.resize([1.0, -1.0], len(fit.residual)))
+    assert lasting(joint, swapped) == pytest.approx(PERIOD)
     long, again = fitted(lasting={"servo": 0.5})
     assert evidence(long, again) == pytest.approx(0.2 * evidence(joint, fit))
     assert spread(long) == pytest.approx(np.sqrt(5.0) * spread(joint))

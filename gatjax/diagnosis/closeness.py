@@ -63,7 +63,8 @@ def lasting(joint: Joint, fit: Fit) -> float:
     times = 2.0 * np.cumsum(series) / max(series[0], 1e-30) - 1.0
     wide = np.arange(rows) >= WINDOW * times
     period = np.median(np.diff(joint.time, axis=1)[joint.valid[:, 1:]])
-    return float(period * times[np.argmax(wide) if wide.any() else -1])
+    found = times[np.argmax(wide) if wide.any() else -1]
+    return float(period * max(found, 1.0))  # readings are no closer
 
 
 def _beyond_noise(joint: Joint, fit: Fit) -> float:
