@@ -17,7 +17,7 @@ from gatjax.data import sampling
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import loads
-from gatjax.diagnosis.case import held
+from gatjax.diagnosis.case import held, unfitted
 from gatjax.diagnosis.given import control_period
 from gatjax.diagnosis.joint import build
 from gatjax.diagnosis.motion import Motion
@@ -204,13 +204,42 @@ def test_tied_joints_follow_their_polynomial() -> None:
     assert np.array_equal(place, [2]) and np.allclose(speed, [-2.0])
 
 
-def test_what_gravity_pulls_grows_with_the_angle_as_inverse_dynamics_says() -> None:
-    """Of a heavier body, a moved one and another gravity; half of one is carried."""
-    text = PLAIN.replace('axis="0 0 1"', 'axis="0.6 0 0.8"')
-    text = text.replace('"box"', '"box" pos="0.05 0.02 0"')
-    model = mujoco.MjModel.from_xml_string(
-        text.replace('gravcomp="1"', 'gravcomp="0.5"')
-    )
+TIED = """
+<mujoco>
+  <worldbody>
+    <body>
+      <joint name="arm" axis="0 1 0" stiffness="0.8"/>
+      <geom type="capsule" fromto="0 0 0 0.2 0 0" size="0.02" mass="0.4"/>
+      <body pos="0.2 0 0">
+        <joint name="level" axis="0 0.8 0.6"/>
+        <geom type="box" pos="0.04 0 0.02" size="0.03 0.01 0.01" mass="0.2"/>
+        <body pos="0.1 0 0">
+          <joint name="hand" axis="0.6 0 0.8"/>
+          <geom type="box" pos="0.05 0.02 0" size="0.03 0.01 0.01" mass="0.1"/>
+        </body>
+        <body pos="0.1 0.02 0" gravcomp="0.5">
+          <joint name="finger" axis="0 0 1"/>
+          <geom type="box" pos="0.05 0.02 0" size="0.03 0.01 0.01" mass="0.1"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+  <equality>
+    <joint joint1="level" joint2="arm" polycoef="0.1 -0.7 0 0 0"/>
+    <joint joint1="finger" joint2="hand" polycoef="0.1 -1 0 0 0"/>
+  </equality>
+  <actuator>
+    <position name="arm" joint="arm" kp="20" kv="1"/>
+    <position name="hand" joint="hand" kp="4" kv="0.2"/>
+  </actuator>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("flag", ["", '<option><flag gravity="disable"/></option>'])
+def test_what_gravity_pulls_grows_as_inverse_dynamics_says(flag: str) -> None:
+    """Of a heavier body, a moved one and another gravity; in a chain two are tied."""
+    model = mujoco.MjModel.from_xml_string(TIED.replace("<world", f"{flag}<world", 1))
     tree = loads.Tree(model, model.actuator_trnid[:, 0])
     draw = np.random.default_rng(3)
     position = draw.uniform(-2.0, 2.0, (5, 2))
@@ -227,11 +256,30 @@ def test_what_gravity_pulls_grows_with_the_angle_as_inverse_dynamics_says() -> N
         for term, variant in enumerate(loads.changed(tree, joint)):
             expected = slope(*variant)
             np.testing.assert_allclose(bodies[:, :, joint, term], expected, atol=2e-4)
-    assert np.abs(bodies[:, 1, 1, :4]).max(0).min() > 0.01
+    seen = np.abs(bodies[:, :, 1, :4]).max(0).min()
+    assert seen == 0.0 if flag else seen > 0.01
     for term in range(3):
         other = loads.copied(model)
         other.opt.gravity[term] += 1.0
         np.testing.assert_allclose(gravity[..., term], slope(other, 1.0), atol=2e-4)
+
+
+def test_loads_of_bodies_and_gravity_reach_the_simulated_joints() -> None:
+    """Also those of another joint's body, at the rows where they were weighed."""
+    robot = mujoco.MjModel.from_xml_string(TIED)
+    time = 0.01 * np.arange(300)
+    wave = np.stack([0.8 * np.sin(5.0 * time), 0.4 * np.sin(8.0 * time)], axis=1)
+    run = JointRun(0, time, wave, wave)
+    case = unfitted(held(robot, [run], 0), [run])
+    arm, own = case.joints[0], slice(loads.TERMS, loads.TERMS + len(loads.BODY_TERMS))
+    (weighed,) = case.loads
+    for joint, body in ((arm, 0), (case.carrying(arm, 1), 1)):
+        for field, kind in (("rest", 0), ("slope", 1), ("inertia", 2)):
+            series = np.asarray(getattr(joint.grid, f"{field}_terms"))[..., own]
+            expected = weighed.bodies[kind, :, 0, body]
+            assert np.ptp(series) == pytest.approx(np.ptp(expected), rel=0.02)
+    pull = np.asarray(arm.grid.pull)
+    assert np.ptp(pull) == pytest.approx(np.ptp(weighed.pull[:, 0]), rel=0.02)
 
 
 def test_joints_of_one_motor_are_known_by_the_model() -> None:

@@ -24,6 +24,7 @@ def joint(target, rest=0.0, inertia=0.018):
     empty = jnp.zeros((COUNT, 1, 1), jnp.float32)
     grid = laws.Grid(
         target=series, path=0.0 * flat, rest=rest * flat, slope=0.0 * flat,
+        pull=0.0 * flat,
         inertia=inertia * flat, rest_terms=empty,
         slope_terms=empty, inertia_terms=empty,
         stiffness=flat, supply=flat, running=flat,
@@ -59,9 +60,8 @@ def test_gravity_is_exact_far_from_the_path_along_which_it_was_weighed():
     pull, inertia = 9.81 * length, length**2
     one = joint(lambda t: 0.0, rest=float(pull * np.sin(first)), inertia=inertia)
     flat = jnp.ones_like(one.grid.path)
-    grid = one.grid._replace(
-        path=first * flat, slope=float(pull * np.cos(first)) * flat
-    )
+    level = float(pull * np.cos(first)) * flat
+    grid = one.grid._replace(path=first * flat, pull=one.grid.rest, slope=level)
     free = {"hold": 0.0, "kp": 1.0, "kv": 0.0, "damping": 0.1}
     angle = seen(one._replace(grid=grid, nominal=NOMINAL | free))
     q, v, out = first, 0.0, []

@@ -106,9 +106,9 @@ def diagnosed(source: Path, out: Path) -> dict[str, Any]:
         time = STEP * np.arange(len(volts))
         log = Recording("emps", time, np.zeros(len(time), int), columns, facts)
         write_recording(out / "estimation.parquet", log)
-        write_json(out / "tolerances.json", TOLERANCES)
+        write_json(out / "given.json", TOLERANCES)
         given = ["--data", f"{out}/estimation.parquet", "--out", str(out)]
-        given += ["--tolerances", f"{out}/tolerances.json"]
+        given += ["--tolerances", f"{out}/given.json"]
         if code := gatjax(["diagnose", "--model", str(MODEL), *given]):
             raise SystemExit(code)
     return read_json(out / "diagnosis.json")

@@ -3,8 +3,9 @@
 A robot is diagnosed on some of its logs until nothing new is named; the simulation
 that this gives is then told one thing wrong (a mass, a gain, shifted stamps, ...), or
 nothing, and diagnosed on other logs, with the tolerances that were left: as close as it
-came to logs that it was not made from. Right is who names that one thing: first on a
-robot of one joint, among others on an arm.
+came to logs that it was not made from (of the pendulum, which has two logs: to the one
+that it was made from). Right is who names that one thing: first on a robot of one
+joint, among others on an arm.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from lies import Lie, of_arm, of_pendulum
 from rounds import repeated
 
 from gatjax.cli import main as gatjax
-from gatjax.data.recording import Recording, read_recording, write_recording
+from gatjax.data.recording import read_recording, write_recording
 from gatjax.diagnosis.aliases import ALIASES, ONE_JOINT
 from gatjax.diagnosis.start import Start, read_start
 from gatjax.runs import read_json, write_json
@@ -136,31 +137,16 @@ def of_bam(out: Path) -> Iterator[Robot]:
         yield Robot(f"bam_{number}", bam.MODEL, first, tuple(fourth), bam.PERIOD, lies)
 
 
-def only(log: Recording, rows: np.ndarray) -> Recording:
-    """A log without all other rows."""
-    columns = {name: values[rows] for name, values in log.columns.items()}
-    trajectory = log.trajectory[rows]
-    return log._replace(time=log.time[rows], trajectory=trajectory, columns=columns)
-
-
 def of_dfki(out: Path) -> Iterator[Robot]:
-    """The pendulum, known from one of its runs and told lies on the other.
-
-    How close that comes is measured on each third part of the first one.
-    """
+    """The pendulum, known from one of its runs and told lies on the other."""
     (out / "dfki").mkdir(parents=True, exist_ok=True)
     swings = tuple(map(Path, dfki.swung(dfki.LIGHT, out / "dfki")))
     limits = out / "dfki/tolerances.json"
     write_json(limits, dfki.USUAL | {"angle": LEFT, "friction": 0.1})
     lies = {"unaltered": None} | of_pendulum("motor", 0.15)
     for one, other in (swings, swings[::-1]):
-        log, title = read_recording(one), f"dfki_{one.stem}"
-        third = log.trajectory % 3 == 2
-        halves = [one.with_stem(f"{one.stem}_{role}") for role in ("fit", "held")]
-        for file, rows in zip(halves, (~third, third), strict=True):
-            write_recording(file, only(log, rows))
-        first = ("--data", str(halves[0]), "--held-out", str(halves[1]),
-                 "--tolerances", str(limits))  # fmt: skip
+        first = ("--data", str(one), "--tolerances", str(limits))
+        title = f"dfki_{one.stem}"
         yield Robot(title, dfki.MODEL, first, (other,), 0.005, lies)
 
 

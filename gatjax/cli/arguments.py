@@ -89,7 +89,7 @@ class Diagnose:
     takes a robot file whose joints are driven by position servos (or by motors, told
     torques or voltages), and logs of commands and positions (docs/files.md). It prints
     the verdict and writes found/report.html, diagnosis.json, world.json (a better
-    simulation, for --world) and extended.xml.
+    simulation, for --world), tolerances.json (how close it comes) and extended.xml.
     Good logs are lively: gatjax collect --motion rich records one.
     """
 
@@ -109,7 +109,8 @@ class Diagnose:
     """YAML map of the logs' column names, units and signs."""
     tolerances: Path | None = None
     """JSON of how far the model's numbers may be off, where that is not as usual, such
-    as {"mass": 0.1, "angle": 0.01}: shares, and rad; docs/diagnosis.md lists all."""
+    as {"mass": 0.1, "angle": 0.01}: shares, and rad; docs/diagnosis.md lists all.
+    tolerances.json of an earlier diagnosis beside its --world: what changed since."""
     seed: int = 0
     """Of all that is drawn: robots within the tolerances, intervals, the motion of the
     next experiment."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from gatjax.cli.arguments import Diagnose
 from gatjax.cli.found import (
+    closeness_lines,
     fallback_lines,
     gain_lines,
     named_lines,
@@ -186,7 +187,6 @@ def said(found: dict[str, Any], out: Path, report: Path) -> list[str]:
         f"report     {report}",
         f"numbers    {out / 'diagnosis.json'}",
         f"simulation {out / 'world.json'}: use it as --world, as docs/files.md says",
-        f"how close  {out / 'tolerances.json'}: what it leaves of the angles; with "
-        f"--world and --tolerances a later diagnosis names what changed beyond that",
+        *closeness_lines(out / "tolerances.json"),
         f"model      {out / 'extended.xml'}: what plain MJCF can say of it",
     ]

@@ -123,6 +123,16 @@ def gain_lines(gain: Mapping[str, Any] | None, held: bool) -> list[str]:
     return lines
 
 
+def closeness_lines(file: Path) -> list[str]:
+    """Where it says what a simulation leaves, if it does."""
+    if not file.is_file():
+        return []
+    return [
+        f"how close  {file}: what it leaves of the angles; with --world and "
+        f"--tolerances a later diagnosis names what changed beyond that"
+    ]
+
+
 def fallback_lines(offer: Mapping[str, Any] | None, out: Path) -> list[str]:
     """What a learned correction gains where no cause explains a joint."""
     if offer is None:

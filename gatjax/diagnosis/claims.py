@@ -73,8 +73,8 @@ def uncertainty(
 
     They are the last ones, or those from the index `first` on.
 
-    The fits take residuals as independent; they are so every CORRELATED seconds only,
-    which REPEATED samples stand for.
+    The fits take residuals as independent; they are so after a tenth of a second or
+    more only, which REPEATED samples stand for.
     """
     total = np.zeros((count, count))
     part = slice(-count, None) if first is None else slice(first, first + count)

@@ -29,7 +29,7 @@ from gatjax.diagnosis.logged import signals
 from gatjax.diagnosis.signals import write_signals
 from gatjax.diagnosis.start import Start
 from gatjax.diagnosis.suitable import check_replay
-from gatjax.diagnosis.tolerances import SCHEMA, USUAL, Tolerances, surer
+from gatjax.diagnosis.tolerances import USUAL, Tolerances
 from gatjax.diagnosis.unexplained import conditions
 from gatjax.diagnosis.unseen import Seen, borne_out
 from gatjax.diagnosis.verdict import Verdict, conclude, doubted
@@ -57,7 +57,8 @@ def diagnose(
         start: the model, and what is known of the robot besides.
         files: what the robot did.
         out: folder for diagnosis.json, signals.parquet, world.json, extended.xml,
-            tolerances.json, and learned/ where a joint is not explained.
+            tolerances.json (of a fixed base), and learned/ where a joint is not
+            explained.
         seed: of everything that is drawn.
         tell: is called with a stage and the share of it that is done.
         allowed: how far the numbers of the model may be off.
@@ -98,15 +99,17 @@ def diagnose(
     if data.unseen and not data.floating:
         verdict = _borne_out(verdict, data, made, pairs)
     verdict = doubted(verdict)
+    left = None
+    if not data.floating:
+        left = closeness.left(verdict, data, made["extended"], allowed)
     text = _told(data, verdict, made, pairs, alone, out, tell)
     write_signals(
         out / "signals.parquet", data.joints, data.logs, data.unseen, pairs, verdict
     )
     made_by = {"verb": "diagnose", "seed": seed}
     worlds.write_world(out / "world.json", made["extended"], made_by, None)
-    left = closeness.left(verdict, data, made["extended"])
-    left |= {"schema": SCHEMA} | surer(allowed)
-    write_json(out / "tolerances.json", left)
+    if left is not None:
+        write_json(out / "tolerances.json", left)
     mjcf.write_model(out / "extended.xml", made["extended"])
     text["made_by"] = _made_by(start, seed, allowed)
     text["seconds"] = round(time.monotonic() - began, 1)
@@ -151,7 +154,7 @@ def _told(
         played = {name: each.fit for name, each in pairs.items()}
         said["signals"] = signals(played, data.files.fit, data.joints)
     out.mkdir(parents=True, exist_ok=True)
-    for name in ("report.html", "diagnosis.json"):
+    for name in ("report.html", "diagnosis.json", "tolerances.json"):
         (out / name).unlink(missing_ok=True)
     fallback.withdraw(out)
     lacks, learned = bool(verdict.unexplained) and not data.floating, None

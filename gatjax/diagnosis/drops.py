@@ -20,7 +20,6 @@ from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined
 from gatjax.diagnosis.joint import STEP, Joint
 from gatjax.diagnosis.motion import cells
-from gatjax.diagnosis.tolerances import CORRELATED
 
 ODDS = 4.5  # nats at most that naming one lost tick costs
 TOLD = 0.75  # quantile of the changes of a command beyond which a loss is seen
@@ -234,7 +233,7 @@ def _turns(
         fit = fits.improve(now, fits.start(now, [(owner, x)]), ADVANCE)[0]
         worse += best is not None and fit.rms() > BETTER * best.fit.rms()
         if best is None or fit.rms() < best.fit.rms():
-            price = length(lost) * _period(joint, commands) / CORRELATED
+            price = length(lost) * _period(joint, commands) / fits.lasts(joint)
             best = Losses(lost, now, fit, price)
         if worse == PATIENCE or fit.rms() < DONE * joint.noise:
             break

@@ -42,7 +42,7 @@ class Assumed(NamedTuple):
     @property
     def geared(self) -> bool:
         """Whether motor and link are simulated apart."""
-        return bool(self.named & GEARS)
+        return bool(self.barred & GEARS)
 
 
 NOTHING = Assumed(lambda limit: {}, frozenset(), frozenset(), None)
@@ -347,6 +347,7 @@ def _grids(
             stiffness=own(shares, index),
             path=series([m.position[:, index] for m in moved]),
             rest=series([l.nominal.rest[:, index] for l in loads]),
+            pull=series([l.pull[:, index] for l in loads]),
             slope=series([l.nominal.slope[:, index] for l in loads]),
             inertia=series([l.nominal.inertia[:, index] - armature for l in loads]),
             rest_terms=terms(index, "rest"),

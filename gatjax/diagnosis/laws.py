@@ -71,6 +71,7 @@ class Grid(NamedTuple):
     target: Array
     path: Array
     rest: Array
+    pull: Array  # of gravity, a part of rest
     slope: Array
     inertia: Array  # of the link, armature excluded
     rest_terms: Array
@@ -201,11 +202,11 @@ def ripple(p: Drive, angle: Array) -> Array:
 def link(p: Drive, g: Grid, q: Array, v: Array) -> tuple[Array, Array]:
     """Inertia of the link and the torque on it [R, S], from a weighed grid.
 
-    Away from its path the load turns with the link, as that of a uniform field does.
+    Away from its path the pull of gravity turns with the link.
     """
     off = q - g.path[:, None]
-    cosine = 1.0 - 2.0 * jnp.square(sine(0.5 * off))
-    load = g.rest * cosine + g.slope * sine(off)
+    lost = 2.0 * jnp.square(sine(0.5 * off))  # 1 - cos
+    load = g.rest - g.pull[:, None] * lost + g.slope * sine(off)
     outside = p.wave * sine(p.frequency * g.clock[:, None] + p.wave_phase)
     outside += p.bias - p.spring * q - p.drag * jnp.abs(v) * v
     return g.inertia, outside - load

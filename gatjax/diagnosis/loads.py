@@ -11,6 +11,7 @@ joint can be simulated alone: the cost of a diagnosis is linear in the joints.
 
 from __future__ import annotations
 
+import itertools
 from typing import NamedTuple
 
 import mujoco
@@ -85,8 +86,20 @@ class Tree:
         rest += (reduced @ pushed[..., None])[..., 0]
         return Load(rest, np.zeros_like(rest), inertia)
 
+    def pulls(self, motion: Motion, rows: np.ndarray) -> np.ndarray:
+        """What gravity pulls at each joint [N, J], N m."""
+        model, data = self.model, mujoco.MjData(self.model)
+        found = []
+        for qpos in self.placed(motion.position[rows]):
+            data.qpos[:] = qpos
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_fwdVelocity(model, data)
+            found.append(self.moves.T @ (data.qfrc_bias - data.qfrc_gravcomp))
+        return np.stack(found)
+
     def slopes(self, motion: Motion, rows: np.ndarray) -> np.ndarray:
-        """Derivative of the gravity load of each joint by its own angle [N, J]."""
+        """Derivative of the load of each joint at rest by its own angle [N, J]."""
         model, data = self.model, mujoco.MjData(self.model)
         step, joints = 1e-4, self.moves.shape[1]
         slope = np.zeros((len(rows), joints))
@@ -110,22 +123,25 @@ class Tree:
     ) -> tuple[np.ndarray, np.ndarray]:
         """How what gravity pulls at a joint grows with its angle, per unit of a term.
 
-        A mass with the lever S from an axis a pulls with -a.(S x g); its lever turns
-        with the joint, so that the derivative is S.(1 - a a')g.
+        A mass with the lever S from an axis e has the potential -g.(c + S) and moves by
+        e x S, which an axis d before e turns with it: second derivatives of the
+        potential are -g.(d x (e x S)), those of tied joints added up.
 
         Returns:
             Of body terms [N, J, b, BODY_TERMS] and of gravity [N, J, GRAVITY_TERMS].
         """
         model, (axes, pivots, centres, frames) = self.model, self._places(motion, rows)
-        borne = 1.0 - model.body_gravcomp
+        falls = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY
+        borne = float(falls) * (1.0 - model.body_gravcomp)
         bodies = np.zeros((len(rows), *2 * (len(self.body),), len(BODY_TERMS)))
         gravity = np.zeros((*bodies.shape[:2], len(GRAVITY_TERMS)))
-        for dof, joint in zip(*np.nonzero(self.moves), strict=True):
-            part, body = self.moves[dof, joint] ** 2, int(model.dof_bodyid[dof])
-            axis, pivot = (each[:, model.dof_jntid[dof]] for each in (axes, pivots))
-            across = part * (np.eye(3) - axis[:, :, None] * axis[:, None, :])
-            pull, away = across @ model.opt.gravity, centres - pivot[:, None]
-            weight = borne * model.body_mass * _carried(model, body)
+        for joint, before, dof, part in self._pairs():
+            first, axis = (axes[:, model.dof_jntid[d]] for d in (before, dof))
+            across = -part * _crossing(first) @ _crossing(axis)
+            pull = np.einsum("nji,j->ni", across, model.opt.gravity)
+            away = centres - pivots[:, model.dof_jntid[dof], None]
+            weight = borne * model.body_mass
+            weight = weight * _carried(model, int(model.dof_bodyid[dof]))
             gravity[:, joint] += np.einsum("nij,nkj,k->ni", across, away, weight)
             for place, other in enumerate(self.body):
                 share = borne[other] * bool(weight[other])
@@ -134,6 +150,19 @@ class Tree:
                 turned = np.einsum("nji,nj->ni", frames[:, other], pull)
                 slope[:, 1:4] += weight[other] * turned
         return bodies, gravity
+
+    def _pairs(self) -> list[tuple[int, int, int, float]]:
+        """Joint, dof, a dof that it moves or itself, and the share of both in it."""
+        found = []
+        for joint, moves in enumerate(self.moves.T):
+            dofs = np.flatnonzero(moves).tolist()
+            for before, dof in itertools.combinations_with_replacement(dofs, 2):
+                body, last = (int(self.model.dof_bodyid[d]) for d in (before, dof))
+                if _carried(self.model, body)[last]:
+                    both = 1.0 if before == dof else 2.0
+                    share = float(both * moves[before] * moves[dof])
+                    found.append((joint, before, dof, share))
+        return found
 
     def _places(self, motion: Motion, rows: np.ndarray) -> list[np.ndarray]:
         """Axes, anchors, centres of mass and frames [N, ...] in the world."""
@@ -146,6 +175,11 @@ class Tree:
             own = data.xaxis, data.xanchor, data.xipos, frames
             found.append([each.copy() for each in own])
         return [np.stack(series) for series in zip(*found, strict=True)]
+
+
+def _crossing(vectors: np.ndarray) -> np.ndarray:
+    """Matrices [N, 3, 3] that give the cross product of vectors [N, 3] with others."""
+    return np.cross(vectors[:, None, :], np.eye(3)).swapaxes(1, 2)
 
 
 def _carried(model: mujoco.MjModel, body: int) -> np.ndarray:
@@ -200,6 +234,7 @@ class Loads(NamedTuple):
     """
 
     nominal: Load
+    pull: np.ndarray  # of gravity in the nominal rest [M, J], N m: turns with the link
     draws: tuple[np.ndarray, np.ndarray]  # rest, inertia of perturbed bodies [m, J, D]
     bodies: np.ndarray  # a Load per unit of a term of body b [3, m, J, b, BODY_TERMS]
     gravity: np.ndarray  # a Load per m/s^2 of gravity [3, m, J, GRAVITY_TERMS]
@@ -210,11 +245,11 @@ def weigh(tree: Tree, motion: Motion, others: list[mujoco.MjModel]) -> Loads:
     nominal = tree.loads(tree.model, motion, np.arange(len(motion.time)))
     few = np.arange(0, len(motion.time), COARSE)
     slope = tree.slopes(motion, few)
-    nominal = nominal._replace(
-        slope=np.stack(
-            [np.interp(motion.time, motion.time[few], s) for s in slope.T], -1
-        )
+    slope, pull = (
+        np.stack([np.interp(motion.time, motion.time[few], s) for s in series.T], -1)
+        for series in (slope, tree.pulls(motion, few))
     )
+    nominal = nominal._replace(slope=slope)
     rest, inertia = nominal.rest[few], nominal.inertia[few]
     drawn = [tree.loads(other, motion, few) for other in others]
     bodies = np.zeros((3, *rest.shape, rest.shape[1], len(BODY_TERMS)))
@@ -233,7 +268,7 @@ def weigh(tree: Tree, motion: Motion, others: list[mujoco.MjModel]) -> Loads:
         np.stack([load.rest - rest for load in drawn], -1),
         np.stack([load.inertia - inertia for load in drawn], -1),
     )
-    return Loads(nominal, draws, bodies, gravity)
+    return Loads(nominal, pull, draws, bodies, gravity)
 
 
 def changed(tree: Tree, joint: int) -> list[tuple[mujoco.MjModel, float]]:

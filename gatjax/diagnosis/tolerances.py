@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,6 +13,7 @@ SCHEMA = "gatjax.tolerances/1"
 CORRELATED = 0.1  # s after which residuals are taken as independent
 SHARES = ("kp", "kv", "damping", "armature", "limit", "friction", "give")
 """Tolerances that are shares of a joint's nominal number."""
+MOST = 1e3
 BY_JOINT = ("angle", "lasting")
 """Tolerances that joints may have each by itself."""
 
@@ -81,7 +81,7 @@ def read_tolerances(path: Path) -> Tolerances:
             sizes |= {f"{kind} of {joint}": size for joint, size in own}
     for name, size in sizes.items():
         number = isinstance(size, int | float) and not isinstance(size, bool)
-        if not (number and math.isfinite(size) and size >= 0.0):
+        if not (number and 0.0 <= size <= MOST):
             raise ValueError(
                 f"{path}: {name} is {size!r}; give one standard deviation, 0 or more"
             )
