@@ -25,6 +25,7 @@ STRAY, FEW = 2.5, 0.2  # times the middle piece's misfit; share of pieces left a
 CHANGED = 3.0  # nats: a joint whose evidence changed less keeps its fits
 ODD = 2.0  # times what the next worst of them leaves, that this one leaves
 SETTLING = 3  # iterations in which joints settle on a value
+CONVERGING = 40  # iterations at most of the fit of an accepted claim
 REFITTING = 12  # iterations of a claim beside something else
 PASSES = 6  # over the loads that a new claim makes, at most
 
@@ -69,9 +70,10 @@ class Known:
         before = [self._evidence(k) for k in range(len(self.joints))]
         prior, drawn = list(self.known), self.case.pulled
         self.accepted.append(claim)
+        self.joints = self.altered(self.case)
+        claim = self.accepted[-1] = self._converged(claim)
         for index, fit in claim.fits.items():
             self.known[index] = fit
-        self.joints = self.altered(self.case)
         held = set(drawn) & set(claim.fits)
         state = self.case, self.joints, list(self.known)
         self._draw(dict.fromkeys(held, 0.0))
@@ -91,6 +93,22 @@ class Known:
             if moved or index in claim.fits:
                 self.found.pop(index, None)
         return claim
+
+    def _converged(self, claim: Claim) -> Claim:
+        """A claim about one joint with its fit at rest, in however flat a valley.
+
+        The search ends when it can tell causes apart, which is earlier.
+        """
+        count = len(claim.own)
+        if len(claim.fits) != 1 or claim.body is not None or not count:
+            return claim
+        (index,), joint = claim.where, self.joints[claim.where[0]]
+        fit = fits.improve(joint, [claim.fits[index]], CONVERGING)[0]
+        more = fits.evidence(joint, fit) - fits.evidence(joint, claim.fits[index])
+        return claim._replace(
+            own=fit.x[-count:], fits={index: fit}, gain=claim.gain + more,
+            covariance=uncertainty([fit], count),
+        )  # fmt: skip
 
     def take(self, claims: list[Claim], known: list[Fit]) -> None:
         """Take claims about all joints for known, with the fits that they make.

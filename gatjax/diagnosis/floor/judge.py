@@ -195,6 +195,10 @@ class StandingJudge(Judge):
         self.known = mapped(self._again, range(len(self.joints)))
         return claim
 
+    def _converged(self, claim: Claim) -> Claim:
+        """The claim; the whole robot has settled its size."""
+        return claim
+
     def _settled(self, claim: Claim, prior: list[Fit]) -> Claim:
         """The newest claim on its loads; the whole robot has settled its size."""
         self.case = along(self.case, self.joints, self.known)
