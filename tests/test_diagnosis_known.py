@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 from test_diagnosis_pairs import NOISE, claim, fit
 from test_diagnosis_plant import COUNT, LEAD, STEP, joint, wave
+from test_diagnosis_sensitivity import logged
 
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import case as cases
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis import known
+from gatjax.diagnosis.bank import CAUSES
+from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.hypotheses import COUNT as TOLERANCES
 from gatjax.diagnosis.known import ODD, Known
 
@@ -39,6 +42,9 @@ class Arm(Known):
         free = {k: self.astray for k in rates if k not in pulled}
         self.known = [fit(free.get(k, 1.0)) for k in range(3)]
 
+    def _converged(self, claim):
+        return claim  # these joints are not simulated
+
     def _settled(self, claim, prior):
         return claim
 
@@ -62,6 +68,26 @@ def test_a_joint_without_a_cause_is_let_go_if_it_can_be_followed(left, drawn):
     arm = Arm(pulled=[0], astray=left)
     arm.accept(claim("gain_error", fits={1: fit(1.0)}))
     assert arm.case.pulled == drawn
+
+
+def test_an_accepted_cause_of_one_joint_has_the_size_at_which_its_fit_rests():
+    (cause,) = (h for h in CAUSES if h.cause == "command_delay")
+    own = np.log([0.03])  # s
+    one = logged(cause, own)
+    far = np.append(np.zeros(TOLERANCES), own - 1.0)
+    begun = fits.start(one, [(cause, far)])
+    (early,) = fits.improve(one, begun, 1)
+    arm = Arm()
+    arm.joints = [one]
+    hurried = Claim(cause, early.x[-1:], (0,), {0: early}, 10.0)
+    rested = Known._converged(arm, hurried)
+    assert rested.fits[0].settled and not early.settled
+    assert rested.own == pytest.approx(own, abs=0.05)
+    assert abs(early.x[-1] - own[0]) > 0.1
+    more = fits.evidence(one, rested.fits[0]) - fits.evidence(one, early)
+    assert more > 0.0 and rested.gain == pytest.approx(10.0 + more)
+    several = hurried._replace(fits={0: early, 1: early}, where=(0, 1))
+    assert Known._converged(arm, several) is several
 
 
 def test_all_joints_that_carry_a_link_bear_what_it_carries():
