@@ -21,7 +21,7 @@ from gatjax.diagnosis.hypotheses import (
     numbers,
     pinned,
 )
-from gatjax.diagnosis.joint import STEP, TRANSPORT, noise_of
+from gatjax.diagnosis.joint import GRAVITY, STEP, TRANSPORT, noise_of
 from gatjax.diagnosis.known import Known
 from gatjax.diagnosis.loads import tilted
 from gatjax.effects.body import gravity_tilt
@@ -102,6 +102,23 @@ def test_a_tilt_about_two_axes_is_that_of_the_catalogue():
     params = {"roll": np.array(0.2), "pitch": np.array(-0.3)}
     expected = gravity_tilt(model, {}, params)["opt.gravity"]
     assert tilted(model.opt.gravity, np.array([0.2, -0.3])) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(("variant", "up"), [("", -1.0), ("upside down", 1.0)])
+@pytest.mark.parametrize("size", [(0.0, 0.0), (0.3, -0.2), (-0.1, 0.2)])
+def test_a_joint_feels_the_gravity_that_its_tilt_says(variant, up, size):
+    (tilt,) = (h for h in bank.CAUSES if h.law == ("gravity_tilt", variant))
+    down = np.array([0.0, 0.0, -9.81])
+    one = joint(wave)
+    one = one._replace(nominal=one.nominal | dict(zip(GRAVITY, down, strict=True)))
+    drive = {}
+    tilt.put(drive, one, np.array(size))
+    said = tilt.values(one, np.array(size))
+    params = {name: np.array(said[name]) for name in ("roll", "pitch")}
+    model = SimpleNamespace(opt=SimpleNamespace(gravity=down))
+    felt = gravity_tilt(model, {}, params)["opt.gravity"]
+    assert np.array(list(drive.values())) == pytest.approx(felt - down)
+    assert np.sign(felt[2]) == up and max(np.abs(list(params.values()))) <= np.pi
 
 
 @pytest.mark.parametrize("share", [0.03, 0.2, 0.5])

@@ -19,7 +19,7 @@ import dfki
 import mujoco
 import numpy as np
 import so101
-from lies import Lie, of_arm, of_pendulum
+from lies import Lie, of_arm, of_pendulum, of_servo
 from rounds import repeated
 
 from gatjax.cli import main as gatjax
@@ -127,7 +127,7 @@ def of_bam(out: Path) -> Iterator[Robot]:
         write_recording(source / log.name, bam.even(read_recording(log)))
     wide = source / "wide.json"
     write_json(wide, bam.TOLERANCES)
-    lies = {"unaltered": None} | of_pendulum("servo", 0.03)
+    lies = {"unaltered": None} | of_servo("servo", 7.4)
     files = [source / log.name for log in logs]  # by gain, then by motion
     parts = [[files[4 * gain + (gain + k) % 4] for gain in range(4)] for k in range(4)]
     for number in range(4):

@@ -77,6 +77,24 @@ def nearer(body: str, share: float) -> Callable[[Any], None]:
     return change
 
 
+def upside_down(spec: Any) -> None:
+    """Gravity with the wrong sign."""
+    spec.option.gravity = -np.asarray(spec.option.gravity)
+
+
+def supplied(joint: str, share: float) -> Callable[[Any], None]:
+    """A servo that is taken to get `share` of its voltage: of its gain and torque."""
+
+    def change(spec: Any) -> None:
+        servo = spec.actuator(joint)
+        gain, bias = np.array(servo.gainprm), np.array(servo.biasprm)
+        gain[0], bias[1] = share * gain[0], share * bias[1]
+        servo.gainprm, servo.biasprm = gain, bias
+        servo.forcerange = share * np.array(servo.forcerange)
+
+    return change
+
+
 def tilted(pitch: float) -> Callable[[Any], None]:
     """A mounting that is turned about y."""
 
@@ -105,18 +123,30 @@ def of_pendulum(joint: str, torque: float) -> dict[str, Lie | None]:
         lies[f"lighter {kg}"] = Lie("payload", joint, spec=lighter("pendulum", kg))
     lies["nearer"] = Lie("com_shift", joint, spec=nearer("pendulum", 0.25))
     lies["tilted"] = Lie("gravity_tilt", joint, spec=tilted(0.2))
+    lies["upside down"] = Lie("gravity_tilt", joint, spec=upside_down)
     wrong = more("coulomb_friction", joint, torque=torque)
     lies[f"friction {torque:+.2f}"] = Lie("coulomb_friction", joint, rows=wrong)
     return lies
 
 
+def of_servo(joint: str, volts: float) -> dict[str, Lie | None]:
+    """Lies about one position servo with a pendulum, which gets `volts`."""
+    lies = of_pendulum(joint, 0.03)
+    for told in (5.0, 12.0):
+        wrong = supplied(joint, told / volts)
+        lies[f"{told:.0f} V"] = Lie("gain_error", joint, spec=wrong)
+    return lies
+
+
 def of_arm() -> dict[str, Lie | None]:
-    """Lies about the SO-101, each about one of its joints but for the mounting."""
+    """Lies about the SO-101: of one joint, of all servos (P 32 for 16), of gravity."""
     shift, turn = "Elbow", "Wrist_Roll"
     lies: dict[str, Lie | None] = {
         "offset": Lie("encoder_offset", shift, log=read_as(shift, 1.0, 0.12)),
         "scale": Lie("encoder_scale", turn, log=read_as(turn, 1.15, 0.0)),
+        "P 32": Lie("gain_error", "all", rows=more("gain_error", "all", scale=2.0)),
         "tilted": Lie("gravity_tilt", "all", spec=tilted(0.3)),
+        "upside down": Lie("gravity_tilt", "all", spec=upside_down),
         "lighter": Lie("payload", turn, spec=lighter("gripper", 0.07)),
         "nearer": Lie("com_shift", "Elbow", spec=nearer("lower_arm", 0.7)),
     }

@@ -75,18 +75,28 @@ def _shift() -> Hypothesis:
     return plain._replace(put=put)
 
 
-def _tilt() -> Hypothesis:
-    """A mounting turned by roll and pitch: loads are linear in the gravity vector."""
+def _tilt(variant: str = "", over: float = 0.0) -> Hypothesis:
+    """A mounting turned by roll and pitch: loads are linear in the gravity vector.
+
+    The roll is over + its coordinate: a model may have gravity upside down.
+    """
     first = TERMS + len(BODY_TERMS)
 
     def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
         gravity = np.array([joint.nominal[name] for name in GRAVITY])
-        change = tilted(gravity, x) - gravity
+        change = tilted(gravity, x + turned) - gravity
         add_terms(drive, first, change)
 
+    def values(joint: Joint, x: np.ndarray) -> Numbers:
+        return plain.values(
+            joint, np.remainder(x + turned + np.pi, 2.0 * np.pi) - np.pi
+        )
+
+    turned = np.array([over, 0.0])
     plain = vector("gravity_tilt", first, ("roll", "pitch"), "angle", 0.1, 0.6)
     more = tuple((k * a, k * b) for k in (0.3, -0.3) for a, b in ((1, 0), (0, 1)))
-    return plain._replace(put=put, starts=plain.starts + more)
+    starts = ((0.0, 0.0),) if over else plain.starts + more
+    return plain._replace(variant=variant, put=put, starts=starts, values=values)
 
 
 FADED = 0.3  # of the top speed of a joint: there stiction has faded at the latest
@@ -253,6 +263,7 @@ CAUSES: tuple[Hypothesis, ...] = (
         "armature", "inertia", "armature", 0.1, 40.0, (0.5, 1.5, 5.0), armature_of, True
     ),
     _tilt(),
+    _tilt("upside down", np.pi),
     _thermal(),
     signed("clock_drift", "", "drift", "drift", 0.0015, 0.02),
     positive("supply_sag", "max_drop", "sag", 0.02, 0.7, (0.08, 0.2, 0.4)),
