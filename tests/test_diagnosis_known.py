@@ -78,8 +78,11 @@ def test_an_accepted_cause_of_one_joint_has_the_size_at_which_its_fit_rests():
     begun = fits.start(one, [(cause, far)])
     (early,) = fits.improve(one, begun, 1)
     arm = Arm()
-    arm.joints = [one]
+    arm.joints, arm.known = [one], [early]
     hurried = Claim(cause, early.x[-1:], (0,), {0: early}, 10.0)
+    drawn = Arm(pulled=[0])
+    drawn.joints, drawn.known = [one], [early]
+    assert Known._converged(drawn, hurried) is hurried
     rested = Known._converged(arm, hurried)
     assert rested.fits[0].settled and not early.settled
     assert rested.own == pytest.approx(own, abs=0.05)

@@ -71,7 +71,6 @@ class Known:
         prior, drawn = list(self.known), self.case.pulled
         self.accepted.append(claim)
         self.joints = self.altered(self.case)
-        claim = self.accepted[-1] = self._converged(claim)
         for index, fit in claim.fits.items():
             self.known[index] = fit
         held = set(drawn) & set(claim.fits)
@@ -85,9 +84,9 @@ class Known:
         ):
             self.case, self.joints, self.known = state
             free = self._settled(claim, prior)
-        claim = free
         self._let_go()
-        self._count_again(claim.fits)
+        self._count_again(free.fits)
+        claim = self.accepted[-1] = self._converged(free)
         for index, old in enumerate(before):
             moved = abs(self._evidence(index) - old) > CHANGED
             if moved or index in claim.fits:
@@ -97,14 +96,16 @@ class Known:
     def _converged(self, claim: Claim) -> Claim:
         """A claim about one joint with its fit at rest, in however flat a valley.
 
-        The search ends when it can tell causes apart, which is earlier.
+        The search ends when it can tell causes apart, which is earlier. A joint that is
+        drawn is left there: it is not followed, and what would fit it best says less.
         """
-        count = len(claim.own)
-        if len(claim.fits) != 1 or claim.body is not None or not count:
+        count, index = len(claim.own), claim.where[0]
+        alone = len(claim.fits) == 1 and claim.body is None and count
+        if not alone or index in self.case.pulled:
             return claim
-        (index,), joint = claim.where, self.joints[claim.where[0]]
-        fit = fits.improve(joint, [claim.fits[index]], CONVERGING)[0]
-        more = fits.evidence(joint, fit) - fits.evidence(joint, claim.fits[index])
+        joint, before = self.joints[index], self.known[index]
+        fit = self.known[index] = fits.improve(joint, [before], CONVERGING)[0]
+        more = fits.evidence(joint, fit) - fits.evidence(joint, before)
         return claim._replace(
             own=fit.x[-count:], fits={index: fit}, gain=claim.gain + more,
             covariance=uncertainty([fit], count),
