@@ -216,6 +216,10 @@ TIED = """
         <body pos="0.1 0 0">
           <joint name="hand" axis="0.6 0 0.8"/>
           <geom type="box" pos="0.05 0.02 0" size="0.03 0.01 0.01" mass="0.1"/>
+          <body pos="0.05 0 0">
+            <joint name="slide" type="slide" axis="0.8 0.6 0"/>
+            <geom type="box" pos="0.01 0.02 0" size="0.01 0.01 0.01" mass="0.05"/>
+          </body>
         </body>
         <body pos="0.1 0.02 0" gravcomp="0.5">
           <joint name="finger" axis="0 0 1"/>
@@ -227,6 +231,7 @@ TIED = """
   <equality>
     <joint joint1="level" joint2="arm" polycoef="0.1 -0.7 0 0 0"/>
     <joint joint1="finger" joint2="hand" polycoef="0.1 -1 0 0 0"/>
+    <joint joint1="slide" joint2="hand" polycoef="0 0.04 0 0 0"/>
   </equality>
   <actuator>
     <position name="arm" joint="arm" kp="20" kv="1"/>
@@ -265,19 +270,23 @@ def test_what_gravity_pulls_grows_as_inverse_dynamics_says(flag: str) -> None:
 
 
 def test_loads_of_bodies_and_gravity_reach_the_simulated_joints() -> None:
-    """Also those of another joint's body, at the rows where they were weighed."""
+    """Each column, those of another joint's body and those of gravity among them."""
     robot = mujoco.MjModel.from_xml_string(TIED)
     time = 0.01 * np.arange(300)
     wave = np.stack([0.8 * np.sin(5.0 * time), 0.4 * np.sin(8.0 * time)], axis=1)
     run = JointRun(0, time, wave, wave)
     case = unfitted(held(robot, [run], 0), [run])
-    arm, own = case.joints[0], slice(loads.TERMS, loads.TERMS + len(loads.BODY_TERMS))
+    arm, gravity = case.joints[0], loads.TERMS + len(loads.BODY_TERMS)
     (weighed,) = case.loads
     for joint, body in ((arm, 0), (case.carrying(arm, 1), 1)):
         for field, kind in (("rest", 0), ("slope", 1), ("inertia", 2)):
-            series = np.asarray(getattr(joint.grid, f"{field}_terms"))[..., own]
-            expected = weighed.bodies[kind, :, 0, body]
-            assert np.ptp(series) == pytest.approx(np.ptp(expected), rel=0.02)
+            series = np.asarray(getattr(joint.grid, f"{field}_terms"))[:, 0]
+            of_body = weighed.bodies[kind, :, 0, body]
+            expected = np.hstack([of_body, weighed.gravity[kind, :, 0]])
+            assert series.shape[1] == gravity + len(loads.GRAVITY_TERMS)
+            for seen, was in zip(series.T[loads.TERMS :], expected.T, strict=True):
+                assert np.ptp(seen) == pytest.approx(np.ptp(was), rel=0.02, abs=1e-6)
+                assert seen.max() == pytest.approx(was.max(), rel=0.02, abs=1e-6)
     pull = np.asarray(arm.grid.pull)
     assert np.ptp(pull) == pytest.approx(np.ptp(weighed.pull[:, 0]), rel=0.02)
 

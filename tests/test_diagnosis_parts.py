@@ -10,6 +10,7 @@ from test_diagnosis_plant import joint, wave
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import bank, drops, motion, quantum
 from gatjax.diagnosis import fit as fits
+from gatjax.diagnosis.aliases import UPSIDE_DOWN
 from gatjax.diagnosis.case import Case
 from gatjax.diagnosis.claims import PRICE, Claim, occam, shared_value, uncertainty
 from gatjax.diagnosis.fit import Fit
@@ -104,21 +105,24 @@ def test_a_tilt_about_two_axes_is_that_of_the_catalogue():
     assert tilted(model.opt.gravity, np.array([0.2, -0.3])) == pytest.approx(expected)
 
 
-@pytest.mark.parametrize(("variant", "up"), [("", -1.0), ("upside down", 1.0)])
+@pytest.mark.parametrize("variant", ["", UPSIDE_DOWN])
 @pytest.mark.parametrize("size", [(0.0, 0.0), (0.3, -0.2), (-0.1, 0.2)])
-def test_a_joint_feels_the_gravity_that_its_tilt_says(variant, up, size):
+@pytest.mark.parametrize("was", [(0.0, 0.0, -9.81), (9.81, 0.0, 0.0), (0.0, -9.6, 2.0)])
+def test_a_joint_feels_the_gravity_that_its_tilt_says(variant, size, was):
     (tilt,) = (h for h in bank.CAUSES if h.law == ("gravity_tilt", variant))
-    down = np.array([0.0, 0.0, -9.81])
-    one = joint(wave)
-    one = one._replace(nominal=one.nominal | dict(zip(GRAVITY, down, strict=True)))
+    one, gravity = joint(wave), np.array(was)
+    one = one._replace(nominal=one.nominal | dict(zip(GRAVITY, was, strict=True)))
     drive = {}
     tilt.put(drive, one, np.array(size))
     said = tilt.values(one, np.array(size))
     params = {name: np.array(said[name]) for name in ("roll", "pitch")}
-    model = SimpleNamespace(opt=SimpleNamespace(gravity=down))
+    model = SimpleNamespace(opt=SimpleNamespace(gravity=gravity))
     felt = gravity_tilt(model, {}, params)["opt.gravity"]
-    assert np.array(list(drive.values())) == pytest.approx(felt - down)
-    assert np.sign(felt[2]) == up and max(np.abs(list(params.values()))) <= np.pi
+    assert np.array(list(drive.values())) == pytest.approx(felt - gravity)
+    assert np.sign(felt @ gravity) == (-1.0 if variant else 1.0)
+    assert np.linalg.norm(felt + gravity if variant else felt - gravity) < 4.0
+    for parameter in CATALOGUE["gravity_tilt"].parameters:
+        assert parameter.low <= said[parameter.name] <= parameter.high
 
 
 @pytest.mark.parametrize("share", [0.03, 0.2, 0.5])

@@ -8,6 +8,7 @@ from test_diagnosis_plant import joint, wave
 
 from gatjax.diagnosis import findings, sensitivity
 from gatjax.diagnosis import fit as fits
+from gatjax.diagnosis.aliases import UPSIDE_DOWN
 from gatjax.diagnosis.bank import CAUSES
 from gatjax.diagnosis.claims import LATER, PLACE, PRICE, WORTH, Claim
 from gatjax.diagnosis.coordinates import factor, positive
@@ -113,6 +114,12 @@ def test_a_vector_is_looked_for_along_each_axis():
     ripple = next(h for h in CAUSES if h.cause == "torque_ripple")
     rates = {each.own(0.0)[2] for each in sensitivity._ladders(joint(wave), ripple)}
     assert len(rates) == sensitivity.OTHERS
+
+
+def test_gravity_upside_down_has_no_smallest_size(judge, monkeypatch):
+    over = [h for h in CAUSES if h.variant == UPSIDE_DOWN]
+    monkeypatch.setattr(sensitivity, "CAUSES", [*over, FEW[0]])
+    assert over and set(found(judge)) == {FEW[0].cause}
 
 
 def test_more_is_asked_beside_a_named_cause_and_of_a_standing_robot(judge):

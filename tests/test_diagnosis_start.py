@@ -13,7 +13,7 @@ import gatjax.surrogate.hidden
 from gatjax.data.recording import Recording
 from gatjax.diagnosis.bank import CAUSES, of_drive
 from gatjax.diagnosis.case import held, unfitted
-from gatjax.diagnosis.closeness import lasting
+from gatjax.diagnosis.closeness import LONGEST, lasting
 from gatjax.diagnosis.diagnose import diagnose
 from gatjax.diagnosis.fit import Fit, evidence, spread
 from gatjax.diagnosis.given import Logs, given
@@ -210,7 +210,7 @@ def test_what_a_simulation_always_left_is_no_news(tmp_path):
     assert [row["cause"] for row in first["causes"]] == ["first_order_lag"]
     allowed = read_tolerances(tmp_path / "out/tolerances.json")
     assert allowed.close("servo") == pytest.approx(0.008 * np.sqrt(2.5), rel=0.3)
-    assert 0.2 < allowed.lasts("servo") < 3.0  # waves of 0.1 to 0.6 Hz
+    assert 0.2 < allowed.lasts("servo") < LONGEST  # waves of 0.1 to 0.6 Hz
     known, later = read_start(tmp_path / "out"), Logs([wandering("later", 3)], [])
     said = [
         diagnose(known, later, tmp_path / str(k), 0, silent, some)["verdict"]

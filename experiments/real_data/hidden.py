@@ -24,7 +24,7 @@ from rounds import repeated
 
 from gatjax.cli import main as gatjax
 from gatjax.data.recording import read_recording, write_recording
-from gatjax.diagnosis.aliases import ALIASES, ONE_JOINT
+from gatjax.diagnosis.aliases import ALIASES, ONE_JOINT, UPSIDE_DOWN
 from gatjax.diagnosis.start import Start, read_start
 from gatjax.runs import read_json, write_json
 from gatjax.sim.world import write_world
@@ -72,12 +72,15 @@ def named(lie: Lie | None, said: dict[str, Any]) -> list[bool]:
     if lie is None:
         return [False for _ in rows]
     alone, servoed = len(said["joints"]) == 1, said["command_unit"] == "rad"
-    turned = alone and not (servoed and lie.cause == "encoder_offset")
+    over = lie.variant == UPSIDE_DOWN
+    turned = alone and not over and not (servoed and lie.cause == "encoder_offset")
     classes = (*ALIASES, ONE_JOINT) if turned else ALIASES
     everywhere = [["all"]] if alone else []
     same = next((each for each in classes if lie.cause in each), {lie.cause})
     return [
-        row["cause"] in same and row["where"] in ([lie.joint], *everywhere)
+        row["cause"] in same
+        and row["where"] in ([lie.joint], *everywhere)
+        and (row["variant"] == UPSIDE_DOWN) == over
         for row in rows
     ]
 

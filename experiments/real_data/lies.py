@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gatjax.data.recording import Recording
+from gatjax.diagnosis.aliases import UPSIDE_DOWN
 
 Rows = tuple[dict[str, Any], ...]
 Log = Callable[[Recording], Recording]
@@ -24,6 +25,7 @@ class Lie(NamedTuple):
     spec: Callable[[Any], None] = lambda spec: None  # changes the model
     log: Log = lambda log: log
     rows: Callable[[Rows], Rows] = lambda rows: rows  # changes what is known besides
+    variant: str = ""  # of the cause, where it decides
 
 
 def shifted(joint: str, seconds: float) -> Log:
@@ -95,6 +97,17 @@ def supplied(joint: str, share: float) -> Callable[[Any], None]:
     return change
 
 
+def limited(share: float) -> Callable[[Rows], Rows]:
+    """Known torque limits of servos that are taken to get `share` of their voltage."""
+
+    def less(row: dict[str, Any]) -> dict[str, Any]:
+        if row["cause"] != "torque_limit":
+            return row
+        return row | {"values": {k: share * v for k, v in row["values"].items()}}
+
+    return lambda rows: tuple(map(less, rows))
+
+
 def tilted(pitch: float) -> Callable[[Any], None]:
     """A mounting that is turned about y."""
 
@@ -123,7 +136,9 @@ def of_pendulum(joint: str, torque: float) -> dict[str, Lie | None]:
         lies[f"lighter {kg}"] = Lie("payload", joint, spec=lighter("pendulum", kg))
     lies["nearer"] = Lie("com_shift", joint, spec=nearer("pendulum", 0.25))
     lies["tilted"] = Lie("gravity_tilt", joint, spec=tilted(0.2))
-    lies["upside down"] = Lie("gravity_tilt", joint, spec=upside_down)
+    lies["upside down"] = Lie(
+        "gravity_tilt", joint, spec=upside_down, variant=UPSIDE_DOWN
+    )
     wrong = more("coulomb_friction", joint, torque=torque)
     lies[f"friction {torque:+.2f}"] = Lie("coulomb_friction", joint, rows=wrong)
     return lies
@@ -133,8 +148,10 @@ def of_servo(joint: str, volts: float) -> dict[str, Lie | None]:
     """Lies about one position servo with a pendulum, which gets `volts`."""
     lies = of_pendulum(joint, 0.03)
     for told in (5.0, 12.0):
-        wrong = supplied(joint, told / volts)
-        lies[f"{told:.0f} V"] = Lie("gain_error", joint, spec=wrong)
+        share = told / volts
+        lies[f"{told:.0f} V"] = Lie(
+            "gain_error", joint, spec=supplied(joint, share), rows=limited(share)
+        )
     return lies
 
 
@@ -146,7 +163,9 @@ def of_arm() -> dict[str, Lie | None]:
         "scale": Lie("encoder_scale", turn, log=read_as(turn, 1.15, 0.0)),
         "P 32": Lie("gain_error", "all", rows=more("gain_error", "all", scale=2.0)),
         "tilted": Lie("gravity_tilt", "all", spec=tilted(0.3)),
-        "upside down": Lie("gravity_tilt", "all", spec=upside_down),
+        "upside down": Lie(
+            "gravity_tilt", "all", spec=upside_down, variant=UPSIDE_DOWN
+        ),
         "lighter": Lie("payload", turn, spec=lighter("gripper", 0.07)),
         "nearer": Lie("com_shift", "Elbow", spec=nearer("lower_arm", 0.7)),
     }

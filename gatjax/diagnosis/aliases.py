@@ -15,12 +15,13 @@ ALIASES = (
 ONE_JOINT = frozenset({"com_shift", "gravity_tilt", "encoder_offset"})
 """All three turn the load of a robot's only joint against what its servo sees."""
 LOGGED = "log only"  # of an encoder offset: the servo does not see it
+UPSIDE_DOWN = "upside down"  # of a tilt: farther than what is taken for one reaches
 COVERED = {"payload": frozenset({"com_shift"})}  # it shifts the centre, too
 
 
 def alias(hypothesis: Hypothesis, joints: int) -> frozenset[str]:
     """The causes that count as one with a hypothesis, itself included."""
-    turns = joints == 1 and hypothesis.variant != LOGGED
+    turns = joints == 1 and hypothesis.variant not in (LOGGED, UPSIDE_DOWN)
     for group in (*ALIASES, ONE_JOINT) if turns else ALIASES:
         if hypothesis.cause in group:
             return group

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gatjax.diagnosis import quantum
-from gatjax.diagnosis.aliases import LOGGED
+from gatjax.diagnosis.aliases import LOGGED, UPSIDE_DOWN
 from gatjax.diagnosis.coordinates import (
     LESS,
     add_terms,
@@ -75,27 +75,29 @@ def _shift() -> Hypothesis:
     return plain._replace(put=put)
 
 
-def _tilt(variant: str = "", over: float = 0.0) -> Hypothesis:
+def _tilt(variant: str = "") -> Hypothesis:
     """A mounting turned by roll and pitch: loads are linear in the gravity vector.
 
-    The roll is over + its coordinate: a model may have gravity upside down.
+    A model with gravity upside down is half a turn off, about the axis that gravity is
+    farther from.
     """
     first = TERMS + len(BODY_TERMS)
 
-    def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
+    def turned(joint: Joint, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         gravity = np.array([joint.nominal[name] for name in GRAVITY])
-        change = tilted(gravity, x + turned) - gravity
-        add_terms(drive, first, change)
+        over = np.eye(2)[int(abs(gravity[0]) > np.hypot(*gravity[1:]))] * np.pi
+        return gravity, x + over * (variant == UPSIDE_DOWN)
+
+    def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
+        gravity, angles = turned(joint, x)
+        add_terms(drive, first, tilted(gravity, angles) - gravity)
 
     def values(joint: Joint, x: np.ndarray) -> Numbers:
-        return plain.values(
-            joint, np.remainder(x + turned + np.pi, 2.0 * np.pi) - np.pi
-        )
+        return plain.values(joint, turned(joint, x)[1])
 
-    turned = np.array([over, 0.0])
     plain = vector("gravity_tilt", first, ("roll", "pitch"), "angle", 0.1, 0.6)
     more = tuple((k * a, k * b) for k in (0.3, -0.3) for a, b in ((1, 0), (0, 1)))
-    starts = ((0.0, 0.0),) if over else plain.starts + more
+    starts = ((0.0, 0.0),) if variant else plain.starts + more
     return plain._replace(variant=variant, put=put, starts=starts, values=values)
 
 
@@ -263,7 +265,7 @@ CAUSES: tuple[Hypothesis, ...] = (
         "armature", "inertia", "armature", 0.1, 40.0, (0.5, 1.5, 5.0), armature_of, True
     ),
     _tilt(),
-    _tilt("upside down", np.pi),
+    _tilt(UPSIDE_DOWN),
     _thermal(),
     signed("clock_drift", "", "drift", "drift", 0.0015, 0.02),
     positive("supply_sag", "max_drop", "sag", 0.02, 0.7, (0.08, 0.2, 0.4)),

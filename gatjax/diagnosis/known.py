@@ -96,8 +96,9 @@ class Known:
     def _converged(self, claim: Claim) -> Claim:
         """A claim about one joint with its fit at rest, in however flat a valley.
 
-        The search ends when it can tell causes apart, which is earlier. A joint that is
-        drawn is left there: it is not followed, and what would fit it best says less.
+        The search ends when it can tell causes apart, which is earlier. A servo's joint
+        that is drawn is left there: it is not followed, and what would fit it best then
+        predicts less (motors, which are always drawn a little, are followed).
         """
         count, index = len(claim.own), claim.where[0]
         alone = len(claim.fits) == 1 and claim.body is None and count

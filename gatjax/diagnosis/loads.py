@@ -124,8 +124,8 @@ class Tree:
         """How what gravity pulls at a joint grows with its angle, per unit of a term.
 
         A mass with the lever S from an axis e has the potential -g.(c + S) and moves by
-        e x S, which an axis d before e turns with it: second derivatives of the
-        potential are -g.(d x (e x S)), those of tied joints added up.
+        e x S (by e along a slide), which an axis d before e turns with it: second
+        derivatives of the potential are -g.(d x (e x S)), tied joints' added up.
 
         Returns:
             Of body terms [N, J, b, BODY_TERMS] and of gravity [N, J, GRAVITY_TERMS].
@@ -133,13 +133,17 @@ class Tree:
         model, (axes, pivots, centres, frames) = self.model, self._places(motion, rows)
         falls = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY
         borne = float(falls) * (1.0 - model.body_gravcomp)
+        turns = model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE
         bodies = np.zeros((len(rows), *2 * (len(self.body),), len(BODY_TERMS)))
         gravity = np.zeros((*bodies.shape[:2], len(GRAVITY_TERMS)))
         for joint, before, dof, part in self._pairs():
             first, axis = (axes[:, model.dof_jntid[d]] for d in (before, dof))
-            across = -part * _crossing(first) @ _crossing(axis)
+            across = -part * _crossing(first)
+            away = np.repeat(axis[:, None], model.nbody, 1)
+            if turns[model.dof_jntid[dof]]:
+                across = across @ _crossing(axis)
+                away = centres - pivots[:, model.dof_jntid[dof], None]
             pull = np.einsum("nji,j->ni", across, model.opt.gravity)
-            away = centres - pivots[:, model.dof_jntid[dof], None]
             weight = borne * model.body_mass
             weight = weight * _carried(model, int(model.dof_bodyid[dof]))
             gravity[:, joint] += np.einsum("nij,nkj,k->ni", across, away, weight)
@@ -148,15 +152,18 @@ class Tree:
                 slope = bodies[:, joint, place]
                 slope[:, 0] += share * np.sum(away[:, other] * pull, -1)
                 turned = np.einsum("nji,nj->ni", frames[:, other], pull)
-                slope[:, 1:4] += weight[other] * turned
+                slope[:, 1:4] += weight[other] * turned * turns[model.dof_jntid[dof]]
         return bodies, gravity
 
     def _pairs(self) -> list[tuple[int, int, int, float]]:
-        """Joint, dof, a dof that it moves or itself, and the share of both in it."""
+        """Joint, hinge, a dof that it turns or itself, and the share of both in it."""
         found = []
         for joint, moves in enumerate(self.moves.T):
             dofs = np.flatnonzero(moves).tolist()
             for before, dof in itertools.combinations_with_replacement(dofs, 2):
+                kind = self.model.jnt_type[self.model.dof_jntid[before]]
+                if kind == mujoco.mjtJoint.mjJNT_SLIDE:
+                    continue
                 body, last = (int(self.model.dof_bodyid[d]) for d in (before, dof))
                 if _carried(self.model, body)[last]:
                     both = 1.0 if before == dof else 2.0

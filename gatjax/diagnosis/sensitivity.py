@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gatjax.diagnosis import fit as fits
-from gatjax.diagnosis.aliases import alias
+from gatjax.diagnosis.aliases import UPSIDE_DOWN, alias
 from gatjax.diagnosis.bank import CAUSES, of_drive
 from gatjax.diagnosis.claims import PLACE, PRICE
 from gatjax.diagnosis.findings import needed
@@ -52,7 +52,10 @@ def smallest(judge: Judge) -> list[dict[str, Any]]:
     if len(judge.accepted) == judge.most:
         return []
     plain = {h.cause for h in CAUSES if len(h.low) == 1}
-    bank = tuple(h for h in CAUSES if len(h.low) == 1 or h.cause not in plain)
+    bank = tuple(
+        h for h in CAUSES
+        if (len(h.low) == 1 or h.cause not in plain) and h.variant != UPSIDE_DOWN
+    )  # fmt: skip
     best: dict[str, tuple[float, dict[str, Any]]] = {}
     for index, joint in enumerate(judge.joints):
         told = _told(judge, index)

@@ -15,6 +15,7 @@ INF, NAN = float("inf"), float("nan")
 LONGEST = 0.21  # s, of a delay
 MOST = 1e6  # N m; with damping, N m s/rad
 TURN = 3.2  # rad, half a turn
+OVER = 2.0 * TURN  # rad, of a mounting upside down and tilted besides
 
 
 def _body(build, *takes: str) -> tuple[Part, ...]:
@@ -179,8 +180,8 @@ CATALOGUE = {
         "BAM: 0.0011 to 0.028 kg m^2",
     ),
     "gravity_tilt": Cause(
-        (P("angle", "rad", 0.0, 2.0 * TURN), P("roll", "rad", -TURN, TURN, 0.0),
-         P("pitch", "rad", -TURN, TURN, 1.0)), 0.0,
+        (P("angle", "rad", 0.0, 2.0 * OVER), P("roll", "rad", -OVER, OVER, 0.0),
+         P("pitch", "rad", -OVER, OVER, 1.0)), 0.0,
         _body(body.gravity_tilt, "roll", "pitch"),
         "mounting turned by roll, then pitch; |(roll, pitch)| = angle",
         "grounds of 0.5 to 6 deg", "all", ("roll", "pitch"),
