@@ -1,5 +1,7 @@
 """`gatjax diagnose`: what it refuses, what it shows on the way, what it prints."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -107,6 +109,30 @@ def test_it_starts_from_a_model_or_from_a_world(given, capsys):
     for words in ([], ["--model", robot, "--world", "w.json"]):
         line = refused(capsys, *words, "--data", fit, "--out", "x")
         assert "--model robot.xml, or --world" in line
+
+
+def test_a_model_and_a_world_are_told_apart(given, tmp_path, capsys):
+    robot, fit, _ = given
+    line = refused(capsys, "--world", robot, "--data", fit, "--out", "x")
+    assert "an MJCF model is given as --model" in line
+    world = tmp_path / "world.json"
+    world.write_text("{}")
+    line = refused(capsys, "--model", str(world), "--data", fit, "--out", "x")
+    assert "a world file is given as --world" in line
+
+
+@pytest.mark.parametrize("beside", [(), ("signals.parquet",)])
+def test_files_of_others_are_not_written_over(given, tmp_path, beside):
+    """Those of a diagnosis that was stopped are: it writes its signals first."""
+    robot, fit, _ = given
+    for name in ("report.html", *beside):
+        (tmp_path / name).write_text("mine")
+    verb = Diagnose(data=(Path(fit),), out=tmp_path, model=Path(robot))
+    if beside:
+        read_given(verb)
+        return
+    with pytest.raises(ValueError, match="html is not of a diagnosis"):
+        read_given(verb)
 
 
 def test_several_files_follow_one_flag():

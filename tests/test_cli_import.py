@@ -109,9 +109,19 @@ def test_a_map_may_name_everything(tmp_path, brought):
         "columns: {time: {from: stamp_ms, unit: ms, scale: 2}, trajectory: lap,"
         " position.a: q, command.a: goal}"
     )
-    code, *_, out = brought(tmp_path / "log.parquet", "--map", tmp_path / "map.yaml")
-    assert code == 0
+    code, said, _, out = brought(
+        tmp_path / "log.parquet", "--map", tmp_path / "map.yaml"
+    )
+    rate = 0.5 / np.median(np.diff(logs.SEEN))
+    assert code == 0 and f"{rate:.4g} Hz" in said
     np.testing.assert_allclose(read_recording(out).time, 2.0 * logs.SEEN)
+
+
+def test_a_command_without_a_position_is_said_to_be_that(tmp_path, brought):
+    table = {"time": logs.SEEN, "command.servo": logs.SEEN, "position.knee": logs.SEEN}
+    parquet.write_table(pa.table(table), tmp_path / "log.parquet")
+    code, _, error, _ = brought(tmp_path / "log.parquet")
+    assert code == 1 and "command.servo without position.servo" in error
 
 
 def test_what_stands_at_an_end_and_what_is_not_there_is_told(tmp_path, brought):

@@ -262,7 +262,12 @@ def test_no_motion_is_refused_to_fit_and_warned_of_to_hold_out():
     still = changed(
         good, **{n: v.mean() + 0.01 * (v - v.mean()) for n, v in good.columns.items()}
     )
-    assert "0.05 rad" in only(still, "excitation", "refuse").text
+    told = only(still, "excitation", "refuse").text
+    assert "0.05 rad" in told and "livelier" in told and "units" not in told
+    small = {name: np.deg2rad(v) for name, v in good.columns.items()
+             if name.startswith("position.")}  # fmt: skip
+    told = only(changed(good, **small), "excitation", "refuse").text
+    assert "times as far" in told and "check the units" in told
     only(still, "excitation", "warning", role="held-out")
     ramp = {name: np.linspace(0.0, 0.9, len(good.time)) for name in good.columns}
     assert "0 reversals" in only(changed(good, **ramp), "excitation", "refuse").text

@@ -48,6 +48,9 @@ def test_what_was_sure_stays_sure():
         ({"angle": {"knee": "ten"}}, "angle of knee"),
         ({"mass": {"knee": 0.1}}, "mass"),
         ({"lasting": {"knee": None}}, "lasting of knee"),
+        ({"angle": 5}, r"angle is 5 rad; .* \(5 deg are 0.0873 rad\)"),
+        ({"angle": {"knee": 1}}, "angle of knee is 1 rad"),
+        ({"tilt": 2}, "tilt is 2 rad"),
         ({"schema": "gatjax.world/1"}, "schema"),
     ],
 )

@@ -94,6 +94,16 @@ def test_arrays_keep_names_of_joints(tmp_path):
     assert "gain ()" in source.notes[0]
 
 
+@pytest.mark.parametrize(("names", "joint"), [(["knee"], "knee"), (None, "0")])
+def test_arrays_of_one_joint_may_have_one_axis(tmp_path, names, joint):
+    path = tmp_path / "log.npz"
+    more = {} if names is None else {"joints": names}
+    np.savez(path, time=TIME, position=np.sin(TIME), command=np.cos(TIME), **more)
+    (place,) = [c for c in columns(path) if c.startswith("position.")]
+    assert place.endswith(joint)
+    np.testing.assert_array_equal(columns(path)[place], np.sin(TIME))
+
+
 def test_objects_in_an_npz_are_refused(tmp_path):
     path = tmp_path / "log.npz"
     np.savez(path, t=TIME, q=np.array([{"a": 1}], dtype=object))

@@ -158,6 +158,10 @@ def test_dates_codes_and_semicolons_are_what_other_programs_write(tmp_path):
     path.write_text("Time;q\n2026-11-20T10:00:00.5;1\n2026-11-20T10:00:01;2\n")
     run = read(path).runs[0]
     np.testing.assert_allclose(np.diff(run["q"].time), 0.5)
+    path.write_text("Time;q\n0,00;1,5\n0,01;2\n")
+    run = read(path).runs[0]
+    np.testing.assert_allclose(run["q"].values, [1.5, 2.0])
+    np.testing.assert_allclose(run["q"].time, [0.0, 0.01])
     coded = {"time": TIME, "position": TIME,
              "joint": pa.array(["a", "b"] * 150).dictionary_encode()}  # fmt: skip
     source = read(write(coded, tmp_path / "coded.parquet"))

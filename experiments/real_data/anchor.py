@@ -22,6 +22,15 @@ BOUNDS = {  # as wide as a small servo can be: kg m^2, N m, N m/rad, N m s/rad
 }
 
 
+def check() -> None:
+    """Refuse to begin without what `mujoco.sysid` needs."""
+    if not hasattr(sysid, "optimize"):
+        raise SystemExit(
+            "mujoco.sysid lacks its own requirements; install them with "
+            "pip install -c constraints.txt 'mujoco[sysid]'"
+        )
+
+
 def fitted(source: Path, runs: list[JointRun], out: Path) -> Path:
     """Write the model whose open-loop roll-outs of runs are nearest, and name it.
 
@@ -32,11 +41,6 @@ def fitted(source: Path, runs: list[JointRun], out: Path) -> Path:
     """
     if out.is_file():
         return out
-    if not hasattr(sysid, "optimize"):
-        raise SystemExit(
-            "mujoco.sysid lacks its own requirements; install them with "
-            "pip install -c constraints.txt 'mujoco[sysid]'"
-        )
     spec = mujoco.MjSpec.from_file(str(source))
     spec.option.timestep = STEP
     names = robot_model.joint_names(spec.compile())

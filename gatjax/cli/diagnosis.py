@@ -46,6 +46,7 @@ from gatjax.robot import model as robot_model
 from gatjax.sim.limbs import floats
 
 WRITTEN = ("extended.xml", "signals.parquet", "tolerances.json", "world.json")
+FIRST = "signals.parquet"  # a diagnosis writes it before its other files
 SAME_RATE = 1.05  # longest over shortest median period of the files
 
 
@@ -150,6 +151,12 @@ def _check_files(verb: Diagnose, start: Sequence[Path]) -> None:
             raise ValueError(
                 f"{path}: --out {verb.out} would write over it; choose another folder"
             )
+    for name in (*WRITTEN, "report.html"):
+        if (verb.out / name).exists() and not (verb.out / FIRST).exists():
+            raise ValueError(
+                f"{verb.out / name} is not of a diagnosis, and would be written over; "
+                f"choose another --out"
+            )
 
 
 def _check_rates(logs: Sequence[Recording]) -> None:
@@ -186,7 +193,14 @@ def said(found: dict[str, Any], out: Path, report: Path) -> list[str]:
         *next_lines(found["next_experiment"]),
         f"report     {report}",
         f"numbers    {out / 'diagnosis.json'}",
-        f"simulation {out / 'world.json'}: use it as --world, as docs/files.md says",
+        f"simulation {out / 'world.json'}: {_use(found)}",
         *closeness_lines(out / "tolerances.json"),
         f"model      {out / 'extended.xml'}: what plain MJCF can say of it",
     ]
+
+
+def _use(found: dict[str, Any]) -> str:
+    """What the extended simulation is good for."""
+    if found["gain"] and not found["gain"].get("promoted", True):
+        return "what was found, as a world to look at; no gain is proven"
+    return "use it as --world, as docs/files.md says"

@@ -25,6 +25,7 @@ from gatjax.runs import Progress, make_folder, write_whole
 
 LOOKED_AT = 100_000  # rows; checks of longer recordings take their time and memory
 RESTS, FEW = 0.05, 20  # share of samples at an end that is told; values beside it
+PAIR = ("command", "position")  # what every joint has to have
 OFTEN = 10.0  # s between lines of progress in a log
 
 
@@ -42,7 +43,8 @@ def bring(verb: Import) -> None:
     make_folder(verb.out.parent)
     recording = _read(verb, given)
     _tell_missing(recording)
-    joints = [c[9:] for c in recording.columns if c.startswith("position.")]
+    told = [column.partition(".") for column in recording.columns]
+    joints = list(dict.fromkeys(j for kind, _, j in told if kind in PAIR))
     check_recording(_called_as(recording, verb.logs), joints)
     write_recording(verb.out, recording)
     _judge(recording, joints)
@@ -74,8 +76,13 @@ def _read(verb: Import, given: ColumnMap | None) -> Recording:
         sources = [
             readers.read(path, _teller(progress, path), rows) for path in verb.logs
         ]
+    scale = (
+        None
+        if given is None or "time" not in given.entries
+        else (given.entries["time"].factor * given.entries["time"].slope)
+    )
     for source in sources:
-        _say(source)
+        _say(source, drafts.seconds(source) if scale is None else scale)
     if given is None:
         _write_draft(verb.out.with_suffix(".map.yaml"), sources)
     made = [readers.assemble(each, given) for each in sources]
@@ -90,7 +97,10 @@ def _read(verb: Import, given: ColumnMap | None) -> Recording:
     facts = {key for each in parts for key in each.metadata}
     differ = sorted(facts - set(recording.metadata))
     if differ:
-        print(f"note: not the same in every log, so left out: {', '.join(differ)}")
+        print(
+            f"note: metadata that differs between the logs is left out: "
+            f"{', '.join(differ)}"
+        )
     return recording
 
 
@@ -122,11 +132,11 @@ def _teller(progress: Progress, path: Path) -> Callable[[float], None]:
     return tell
 
 
-def _say(source: readers.Source) -> None:
-    """Print what was found in a log."""
+def _say(source: readers.Source, scale: float) -> None:
+    """Print what was found in a log; `scale` is s per unit of its time."""
     count = len(source.runs)
     print(f"{source.name}: {source.kind}, {count} run{'s' * (count > 1)}")
-    scale, run = drafts.seconds(source), source.runs[0]
+    run = source.runs[0]
     width = max(len(name) for name in run)
     for name, stream in run.items():
         print(f"  {name:<{width}}  {_facts(stream, scale)}")

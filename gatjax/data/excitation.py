@@ -22,6 +22,7 @@ AT_LIMIT = 0.03  # rad
 FLAT = 0.15  # s, standing that long while the command moves on
 REST = 0.5  # s
 STANDING = "held still"  # name of a check
+ODD = 30.0  # times as far as a joint moves, that it is told to: another unit?
 AWAY = 0.2  # rad that a position moves while its command stands still
 
 
@@ -180,7 +181,7 @@ def check_excitation(
         text = (
             f"{recording.name}: no joint moves enough for a verdict: {limit}; the most "
             f"has {most}, {move.position:.2g} rad with {move.reversals} reversals, "
-            f"told to move {move.command:.2g} rad; record a livelier motion"
+            f"told to move {move.command:.2g} rad; {_mend(move)}"
         )
         return [Finding(bad, "excitation", text, turns)]
     text = f"{recording.name}: {seconds:.3g} s; reversals of the position per joint: "
@@ -198,6 +199,16 @@ def check_excitation(
         text += f"(rad moved): {listed(poor)}; {limit}"
         found.append(Finding("warning", "excitation", text, poor))
     return found
+
+
+def _mend(move: Moves) -> str:
+    """What to do about a joint that moves too little."""
+    if not ODD * move.position < move.command < 4.0 * ODD * move.position:
+        return "record a livelier motion"
+    return (
+        f"that is {move.command / move.position:.0f} times as far as it moved (a "
+        f"radian has 57 degrees): check the units in --map, or record a livelier motion"
+    )
 
 
 def check_coverage(

@@ -282,7 +282,10 @@ def _cell(file: str, row: int | np.integer, column: str) -> str:
 def check_ending(path: Path) -> str:
     """The file's ending, if it is one that recordings have."""
     if path.suffix not in (".parquet", ".csv"):
-        raise ValueError(f"{path}: a recording ends in .parquet or .csv")
+        raise ValueError(
+            f"{path}: a recording ends in .parquet or .csv; `gatjax import` makes one "
+            f"of other logs"
+        )
     return path.suffix
 
 

@@ -164,6 +164,8 @@ def read_start(path: Path) -> Start:
         ValueError: it is no world file, or has what a diagnosis cannot start from.
     """
     file = worlds.world_file(path)
+    if file.suffix == ".xml":
+        raise ValueError(f"{file} is no world file; an MJCF model is given as --model")
     if file.is_file() and read_json(file).get("grounding"):
         raise ValueError(
             f"{file} has a grounding, which hides causes; diagnose from a world without"

@@ -14,6 +14,8 @@ CORRELATED = 0.1  # s after which residuals are taken as independent
 SHARES = ("kp", "kv", "damping", "armature", "limit", "friction", "give")
 """Tolerances that are shares of a joint's nominal number."""
 MOST = 1e3
+ANGLES = ("angle", "zero", "tilt")  # rad
+WIDE = 0.5  # rad, more than any simulation that is worth a diagnosis is off
 BY_JOINT = ("angle", "lasting")
 """Tolerances that joints may have each by itself."""
 
@@ -84,6 +86,11 @@ def read_tolerances(path: Path) -> Tolerances:
         if not (number and 0.0 <= size <= MOST):
             raise ValueError(
                 f"{path}: {name} is {size!r}; give one standard deviation, 0 or more"
+            )
+        if name.partition(" ")[0] in ANGLES and size > WIDE:
+            raise ValueError(
+                f"{path}: {name} is {size:g} rad; angles are in rad, {WIDE:g} at most "
+                f"({size:g} deg are {np.deg2rad(size):.3g} rad)"
             )
     return Tolerances(**{name: _floats(told[name]) for name in told})
 

@@ -64,6 +64,8 @@ def load(path: str | Path = "nao", timestep: float | None = None) -> mujoco.MjMo
     file = model_file(path)
     if not file.is_file():
         raise FileNotFoundError(f"model file {file} does not exist; give an MJCF file")
+    if file.suffix == ".json":
+        raise ValueError(f"{file} is no MJCF model; a world file is given as --world")
     try:
         spec = spec_of(path)
         model = spec.compile()

@@ -75,6 +75,8 @@ def of_arrays(
         if not fits or not np.issubdtype(array.dtype, np.number):
             left.append(f"{name} {array.shape}")
             continue
+        if array.ndim == 1 and _family(name) and len(joints or [""]) == 1:
+            array = array[:, None]  # of the only joint
         if array.ndim == 1:
             run[name] = Stream(time, array.astype(np.float64))
             continue

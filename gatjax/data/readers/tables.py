@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -175,26 +176,32 @@ def _batches(path: Path, tell: Tell) -> Iterator[pa.RecordBatch]:
                     tell(done / every)
         return
     size, block = max(path.stat().st_size, 1), csv.ReadOptions(block_size=PIECE)
-    form = csv.ParseOptions(delimiter=_delimiter(path))
-    with csv.open_csv(path, block, form) as first:
+    mark, point = _marks(path)
+    form = csv.ParseOptions(delimiter=mark)
+    plain = csv.ConvertOptions(decimal_point=point)
+    with csv.open_csv(path, block, form, plain) as first:
         check_once(path, first.schema.names)
         kinds = {
             f.name: pa.float64() for f in first.schema
             if _is_number(f.type) and not pa.types.is_timestamp(f.type)
         }  # fmt: skip
     with path.open("rb") as file:
-        types = csv.ConvertOptions(column_types=kinds)  # 0, 1, 2.5: no column of int
+        types = csv.ConvertOptions(  # 0, 1, 2.5: no column of int
+            column_types=kinds, decimal_point=point
+        )
         with csv.open_csv(file, block, form, types) as table:
             for batch in table:
                 yield batch
                 tell(min(file.tell() / size, 1.0))
 
 
-def _delimiter(path: Path) -> str:
-    """What stands most often between the names of a CSV."""
+def _marks(path: Path) -> tuple[str, str]:
+    """What stands most often between the names of a CSV, and its decimal point."""
     with path.open("rb") as file:
-        head = file.readline(1 << 20)
-    return max(",;\t", key=lambda mark: head.count(mark.encode()))
+        head, first = file.readline(1 << 20), file.readline(1 << 20)
+    mark = max(",;\t", key=lambda mark: head.count(mark.encode()))
+    comma = mark != "," and re.search(rb"\d,\d", first)
+    return mark, "," if comma else "."
 
 
 def _is_number(kind: pa.DataType) -> bool:
