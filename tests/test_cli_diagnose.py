@@ -275,7 +275,10 @@ def test_the_gain_is_said_only_where_it_was_measured():
     gain = {"before": 0.02, "after": 0.005, "low": 0.7, "high": 0.8, "promoted": True}
     lines = gain_lines(gain, True)
     assert len(lines) == 1
-    assert "1.15 -> 0.286 deg rms, 75% less" in lines[0] and "70% to 80%" in lines[0]
+    assert (
+        "1.15 -> 0.286 deg rms, 75% less" in lines[0]
+        and "70% less to 80% less" in lines[0]
+    )
     told = gain | {"learned_ceiling": 0.03, "noise_floor": 0.001}
     assert (
         "reaches 1.72 deg, worse than the old one; noise" in gain_lines(told, True)[1]

@@ -42,6 +42,13 @@ def test_every_verb_has_help(verb, capsys):
     )
 
 
+def test_a_mistyped_verb_is_told_the_one_that_is_meant(capsys):
+    code, line = one_line(capsys, ["diagnos", "--data", "x.csv"])
+    assert code == 1 and "did you mean diagnose?" in line
+    code, line = one_line(capsys, ["xyz"])
+    assert "did you mean" not in line and "There are run, collect" in line
+
+
 def test_presets_set_the_defaults_and_flags_override_them():
     assert parse(["run"]).loop == DEMO
     assert parse(["run", "--preset", "paper"]).loop == PAPER

@@ -7,7 +7,8 @@ import ros_logs as logs
 from pyarrow import parquet
 
 from gatjax.cli import main
-from gatjax.data.recording import read_recording
+from gatjax.data.recording import Recording, read_recording
+from gatjax.report.recording import _busiest, draw_recording
 
 
 @pytest.fixture
@@ -45,8 +46,43 @@ def test_a_bag_becomes_a_recording_a_draft_and_a_picture(tmp_path, brought):
     turned = read_recording(out).columns["command.hip"]
     np.testing.assert_array_equal(turned, -recording.columns["command.hip"])
     code, said, _, _ = brought(log)
-    assert "is there already and stays" in said
+    assert "was corrected and stays" in said
     assert draft.read_text() == corrected
+
+
+def test_a_draft_that_nobody_corrected_makes_room_for_that_of_other_logs(
+    tmp_path, brought
+):
+    for name in "ab":
+        table = {"time": logs.SEEN, f"position.{name}": logs.SEEN,
+                 f"command.{name}": logs.SEEN}  # fmt: skip
+        parquet.write_table(pa.table(table), tmp_path / f"{name}.parquet")
+    _, _, _, out = brought(tmp_path / "a.parquet")
+    draft = out.with_suffix(".map.yaml")
+    assert "position.a" in draft.read_text()
+    code, said, _, _ = brought(tmp_path / "b.parquet")
+    assert code == 0 and "stays" not in said
+    assert "position.b" in draft.read_text() and "position.a" not in draft.read_text()
+
+
+def test_signals_are_listed_of_the_first_logs_only(tmp_path, brought):
+    files = []
+    for number in range(6):
+        files.append(tmp_path / f"{number}.parquet")
+        table = {"time": logs.SEEN, "position.a": logs.SEEN, "command.a": logs.SEEN}
+        parquet.write_table(pa.table(table), files[-1])
+    _, said, _, _ = brought(*files)
+    assert all(f"{file}: wide table, 1 run, 2 signals" in said for file in files)
+    assert said.count("  position.a ") == 4
+
+
+def test_a_long_log_is_drawn_from_close_by_where_it_moves(tmp_path):
+    time = np.arange(3000) * 0.01
+    moving = np.where((time > 17.0) & (time < 22.0), np.sin(10.0 * time), 0.0)
+    log = Recording("log", time, np.zeros(3000, int), {"position.a": moving}, {})
+    assert 16.0 <= _busiest(time, log, ["a"], 1) <= 17.1
+    draw_recording(log, tmp_path / "log.png")
+    assert (tmp_path / "log.png").read_bytes()[:4] == b"\x89PNG"
 
 
 def test_what_only_one_log_has_is_left_out_and_told(tmp_path, brought):

@@ -198,4 +198,4 @@ def test_the_sentence_tells_the_number_beside_the_main_one_that_may_be_the_large
             "viscous": {"value": -70.0, "unit": "N*m*s/rad"}}  # fmt: skip
     one = row("asymmetric_friction", True) | {"parameters": both}
     text = sentence(verdict([])._replace(verdict="named", unexplained=[]), [one], [])
-    assert "of -0.2 N*m (torque) and -70 N*m*s/rad (viscous) at elbow." in text
+    assert "of -0.2 N m (torque) and -70 N m s/rad (viscous) at elbow." in text

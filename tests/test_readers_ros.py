@@ -104,6 +104,14 @@ def test_a_file_that_was_cut_off_is_refused_with_its_place(tmp_path):
         read(path)
 
 
+@pytest.mark.parametrize(("text", "line"), [("", "empty"), ("hi", "no MCAP file")])
+def test_what_is_no_mcap_file_is_not_to_be_recovered(tmp_path, text, line):
+    file = tmp_path / "log.mcap"
+    file.write_text(text)
+    with pytest.raises(ValueError, match=rf"log\.mcap: {line}$"):
+        read(file)
+
+
 def test_a_bag_without_its_database_is_refused(tmp_path):
     bag = logs.write_bag(tmp_path / "bag", logs.messages())
     for file in bag.glob("*.db3"):

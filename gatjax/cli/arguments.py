@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import difflib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -317,11 +318,12 @@ def parse(arguments: list[str]) -> Any:
     """Read the command line into the verb's dataclass.
 
     Raises:
-        ValueError: a flag that takes several files is given twice.
+        ValueError: no such verb, or a flag that takes several files is given twice.
     """
     if arguments[:2] == ["bench", "diagnose"]:
         prog = "gatjax bench diagnose"
         return tyro.cli(BenchDiagnose, args=arguments[2:], prog=prog)
+    _check_verb(arguments[0])
     _check_lists(arguments)
     preset = _preset(arguments)
     run = Run(loop=PRESETS.get(preset, DEMO), typed=_typed(arguments))
@@ -331,3 +333,12 @@ def parse(arguments: list[str]) -> Any:
         verb = Annotated[kind, tyro.conf.subcommand(name, default=default)]
         verbs = verb if verbs is None else verbs | verb
     return tyro.cli(verbs, args=arguments, prog="gatjax", description=ABOUT)
+
+
+def _check_verb(word: str) -> None:
+    """Refuse a verb that is none, with the one that may be meant."""
+    if word.startswith("-") or word in VERBS:
+        return
+    near = difflib.get_close_matches(word, VERBS, 1)
+    meant = f"did you mean {near[0]}? " if near else ""
+    raise ValueError(f"{word!r} is no verb; {meant}There are {', '.join(VERBS)}")

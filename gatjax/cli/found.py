@@ -102,8 +102,8 @@ def gain_lines(gain: Mapping[str, Any] | None, held: bool) -> list[str]:
     share = 1.0 - after / before if before > 0.0 else 0.0
     lines = [
         f"gain       held-out error {_degrees(before)} -> {_degrees(after)} deg rms, "
-        f"{abs(share):.0%} {'less' if share >= 0.0 else 'more'} "
-        f"(95 % interval of the gain: {gain['low']:.0%} to {gain['high']:.0%})"
+        f"{_less(share)} (95 % interval: {_less(gain['low'])} to "
+        f"{_less(gain['high'])})"
     ]
     alone = gain.get("without_calibration")
     if alone is not None:
@@ -121,6 +121,11 @@ def gain_lines(gain: Mapping[str, Any] | None, held: bool) -> list[str]:
             "           no gain is proven: keep the old simulation, or record more"
         )
     return lines
+
+
+def _less(share: float) -> str:
+    """How much less of an error there is, or more."""
+    return f"{abs(share):.0%} {'less' if share >= 0.0 else 'more'}"
 
 
 def closeness_lines(file: Path) -> list[str]:
@@ -145,8 +150,8 @@ def fallback_lines(offer: Mapping[str, Any] | None, out: Path) -> list[str]:
     before, after = offer["before"], offer["after"]
     return [
         f"fallback   a learned correction on top: {_degrees(before)} -> "
-        f"{_degrees(after)} deg rms (95 % interval of the gain: {offer['low']:.0%} to "
-        f"{offer['high']:.0%})",
+        f"{_degrees(after)} deg rms (95 % interval: {_less(offer['low'])} to "
+        f"{_less(offer['high'])})",
         f"           {place}",
     ]
 

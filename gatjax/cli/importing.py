@@ -25,6 +25,7 @@ from gatjax.runs import Progress, make_folder, write_whole
 
 LOOKED_AT = 100_000  # rows; checks of longer recordings take their time and memory
 RESTS, FEW = 0.05, 20  # share of samples at an end that is told; values beside it
+WHOLE = 4  # logs of which every signal is listed
 PAIR = ("command", "position")  # what every joint has to have
 OFTEN = 10.0  # s between lines of progress in a log
 
@@ -52,7 +53,8 @@ def bring(verb: Import) -> None:
     draw_recording(recording, picture)
     rows, runs = len(recording.time), len(np.unique(recording.trajectory))
     print(
-        f"recording  {verb.out}: {rows} rows, {runs} runs, joints {', '.join(joints)}"
+        f"recording  {verb.out}: {rows} rows, {runs} run{'s' * (runs > 1)}, "
+        f"joints {', '.join(joints)}"
     )
     print(f"picture    {picture}")
 
@@ -81,8 +83,10 @@ def _read(verb: Import, given: ColumnMap | None) -> Recording:
         if given is None or "time" not in given.entries
         else (given.entries["time"].factor * given.entries["time"].slope)
     )
-    for source in sources:
-        _say(source, drafts.seconds(source) if scale is None else scale)
+    for number, source in enumerate(sources):
+        _say(source)
+        if number < WHOLE:
+            _list(source, drafts.seconds(source) if scale is None else scale)
     if given is None:
         _write_draft(verb.out.with_suffix(".map.yaml"), sources)
     made = [readers.assemble(each, given) for each in sources]
@@ -132,10 +136,17 @@ def _teller(progress: Progress, path: Path) -> Callable[[float], None]:
     return tell
 
 
-def _say(source: readers.Source, scale: float) -> None:
-    """Print what was found in a log; `scale` is s per unit of its time."""
-    count = len(source.runs)
-    print(f"{source.name}: {source.kind}, {count} run{'s' * (count > 1)}")
+def _say(source: readers.Source) -> None:
+    """Print what a log is."""
+    count, signals = len(source.runs), len(source.runs[0])
+    print(
+        f"{source.name}: {source.kind}, {count} run{'s' * (count > 1)}, "
+        f"{signals} signal{'s' * (signals > 1)}"
+    )
+
+
+def _list(source: readers.Source, scale: float) -> None:
+    """Print the signals of a log's first run; `scale` is s per unit of its time."""
     run = source.runs[0]
     width = max(len(name) for name in run)
     for name, stream in run.items():
@@ -171,14 +182,14 @@ def _tell_missing(recording: Recording) -> None:
 
 
 def _write_draft(path: Path, sources: list[readers.Source]) -> None:
-    """Write the draft of a map, unless there is another one that may be corrected."""
-    text = drafts.text(sources).encode("utf-8")
-    if path.is_file() and path.read_bytes() != text:
+    """Write the draft of a map, unless there is one that somebody corrected."""
+    if path.is_file() and drafts.is_corrected(path.read_text("utf-8", "replace")):
         print(
-            f"map        {path} is there already and stays; give it as --map to use it"
+            f"map        {path} was corrected and stays; it was not used: give it as "
+            f"--map for that, or remove it for a draft of these logs"
         )
         return
-    write_whole({path: text})
+    write_whole({path: drafts.text(sources).encode("utf-8")})
     print(
         f"map        {path}: a draft; correct names, units, signs and give it as --map"
     )

@@ -105,6 +105,6 @@ def _size(rows: list[Row], name: str, words: str) -> str:
     """A parameter in words: its values, unit, and name if the cause's has it not."""
     values = [row["parameters"][name] for row in rows]
     sizes = sorted(each["value"] for each in values)
-    unit = "" if values[0]["unit"] == "1" else f" {values[0]['unit']}"
+    unit = "" if values[0]["unit"] == "1" else f" {values[0]['unit'].replace('*', ' ')}"
     size = " to ".join(dict.fromkeys(f"{one:.3g}" for one in (sizes[0], sizes[-1])))
     return size + unit + ("" if name in words else f" ({name})")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import zlib
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,6 +16,7 @@ HEAD = """\
 # gatjax import LOG --map THIS_FILE --out recording.parquet
 # A value becomes (sign * scale * raw + offset) in its unit, and then SI.
 """
+MARK = "# As gatjax wrote it: "  # and a checksum of the lines below
 EXAMPLE = (
     "command.JOINT: {from: SIGNAL, unit: rad, sign: 1, offset: 0}",
     "position.JOINT: {from: SIGNAL, unit: rad, sign: 1, offset: 0}",
@@ -44,7 +46,14 @@ def text(sources: Sequence[Source]) -> str:
     used = {entry.get("from", column) for column, entry in entries.items()}
     names = dict.fromkeys(n for source in sources for run in source.runs for n in run)
     left = [f"# not used: {_quoted(name)}" for name in names if name not in used]
-    return "\n".join([HEAD + "columns:", *lines, *left]) + "\n"
+    said = "\n".join([HEAD + "columns:", *lines, *left]) + "\n"
+    return f"{MARK}{zlib.crc32(said.encode('utf-8')):08x}\n{said}"
+
+
+def is_corrected(text: str) -> bool:
+    """Whether a map is not as `text` drafted it."""
+    first, _, said = text.partition("\n")
+    return first != f"{MARK}{zlib.crc32(said.encode('utf-8')):08x}"
 
 
 def _entry(column: str, said: dict[str, Any]) -> str:

@@ -22,6 +22,7 @@ from gatjax.data.readers.source import Source, Tell
 COMMANDING = ("command", "cmd", "target", "goal", "desired", "reference")
 MEANT = {"effort": "N m", "torque": "N m", "volt": "V", "velocity": "", "speed": ""}
 """Units of commands by words in the names of their topics."""
+MAGIC = b"\x89MCAP0\r\n"  # how every MCAP file begins
 Message = tuple[str, str, float, Any]  # topic, type without package, log time s, body
 
 
@@ -137,6 +138,9 @@ def _mcap(path: Path, tell: Tell) -> Iterator[Message]:
 
     size, factory = path.stat().st_size, DecoderFactory()
     with path.open("rb") as file:
+        if file.read(len(MAGIC)) != MAGIC:
+            raise ValueError(f"{path}: {'empty' if size == 0 else 'no MCAP file'}")
+        file.seek(0)
         try:
             reader = make_reader(file, validate_crcs=True)
             for schema, channel, message in reader.iter_messages():

@@ -159,7 +159,8 @@ def response_pictures(signals: Signals, trace: Trace) -> dict[str, str]:
         def paint(axes: Axes) -> None:
             for colour, each in lines:
                 axes.plot(each.frequency, pick(each), color=colour, **stroke(colour))
-            _hertz(axes, *(lines[0][1].frequency[[0, -1]]))
+            ends = np.array([each.frequency[[0, -1]] for _, each in lines])
+            _hertz(axes, float(ends.min()), float(ends.max()))
             axes.set_ylabel(unit)
 
         return paint

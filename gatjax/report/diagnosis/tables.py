@@ -130,9 +130,11 @@ def calibration(diagnosis: Diagnosis) -> str:
     head = ("number", "where", "nominal", "fitted", "tolerance", "tolerance used")
     note = (
         "<p class=note>These nominal numbers were fitted, each with its tolerance as "
-        "one standard deviation. They are calibration and no findings; a bar at either "
-        "end means that the number is off by three tolerances or more. Numbers that do "
-        "the same to these logs, as damping of servo and joint do, may move against "
+        "one standard deviation, up to 3.5 of them. They are calibration and no "
+        "findings; a bar at either end means that the number is off by three "
+        "tolerances or more. world.json has them if the simulation predicts better "
+        "with them. Numbers that do the same to these logs, as damping of servo and "
+        "joint do, may move against "
         "each other.</p>"
     )
     return section("Calibration", folded(head, lines, SHOWN) + note)
