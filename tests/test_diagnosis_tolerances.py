@@ -65,3 +65,9 @@ def test_a_file_that_is_not_there_is_said_in_one_line(tmp_path):
         FileNotFoundError, match=r"no.json does not exist; docs/diagnosis"
     ):
         read_tolerances(tmp_path / "no.json")
+
+
+def test_a_share_that_can_not_be_one_is_refused(tmp_path):
+    assert read_tolerances(written(tmp_path, kp=10)).kp == 10.0
+    with pytest.raises(ValueError, match="kp is 50, a share of the model's number"):
+        read_tolerances(written(tmp_path, kp=50))

@@ -16,6 +16,8 @@ SHARES = ("kp", "kv", "damping", "armature", "limit", "friction", "give")
 MOST = 1e3
 ANGLES = ("angle", "zero", "tilt")  # rad
 WIDE = 0.5  # rad, more than any simulation that is worth a diagnosis is off
+PARTS = (*SHARES, "stribeck", "mass", "inertia")
+PLENTY = 10.0  # no share is that uncertain
 BY_JOINT = ("angle", "lasting")
 """Tolerances that joints may have each by itself."""
 
@@ -91,6 +93,11 @@ def read_tolerances(path: Path) -> Tolerances:
             raise ValueError(
                 f"{path}: {name} is {size:g} rad; angles are in rad, {WIDE:g} at most "
                 f"({size:g} deg are {np.deg2rad(size):.3g} rad)"
+            )
+        if name in PARTS and size > PLENTY:
+            raise ValueError(
+                f"{path}: {name} is {size:g}, a share of the model's number: 0.1 is "
+                f"10 %, {PLENTY:g} the most"
             )
     return Tolerances(**{name: _floats(told[name]) for name in told})
 
