@@ -2,9 +2,11 @@
 
 import pytest
 
-from gatjax.cli.bench import bare_native, fastest, recorded
 from gatjax.sim.backend import prepare
 from gatjax.sim.world import nominal
+from gatjax.speed.bench import raced
+from gatjax.speed.peers import bare_native
+from gatjax.speed.worlds import recorded
 from gatjax.task import Task
 
 WORLDS = 160  # the demo's generation: 40 policies x 4 rollouts
@@ -23,6 +25,6 @@ def test_native_beside_bare_stepping(benchmark, ratio, walk):
 
     bare()
     benchmark.pedantic(closed, rounds=3, warmup_rounds=1)
-    ratio("closed_over_bare", benchmark.stats.stats.min, fastest(bare))
+    ratio("closed_over_bare", benchmark.stats.stats.min, raced({"bare": bare})["bare"])
     steps = WORLDS * (walk.world.task.ticks - 1) * walk.world.substeps
     benchmark.extra_info["steps_per_s"] = steps / benchmark.stats.stats.min

@@ -222,17 +222,29 @@ class Report:
 
 @dataclass(frozen=True, kw_only=True)
 class Bench:
-    """Measure steps/s of each backend beside a bare loop of the same engine.
+    """Measure a generation of the search beside bare loops of the same engines.
 
+    gatjax bench --backends native mjx-jax environment --json bench.json
+
+    prints physics steps a second, compile time, and where the time of a generation
+    goes; bench.png shows it. `environment` is a loop around a compiled step, as users
+    write it around an environment of Brax, with the walk engine on the host.
     gatjax bench diagnose --help: measure the diagnosis on cases with known answers.
     """
 
     worlds: int = 256
+    """Robots in parallel: policies x rollouts."""
     seconds: float = 2.0
     """Simulated time of each run."""
     json: Path | None = None
-    """Also write the table to this file."""
-    backends: tuple[Literal["native", "mjx-jax", "mjx-warp"], ...] = ("native",)
+    """Also write the table to this file, and a picture beside it."""
+    backends: tuple[Literal["native", "mjx-jax", "mjx-warp", "environment"], ...] = (
+        "native",
+    )
+    kinds: tuple[Literal["plain", "grounded", "explained"], ...] = (
+        "plain", "grounded", "explained",
+    )  # fmt: skip
+    """Worlds: sensor noise only; GAT's networks besides; effects of causes besides."""
 
 
 @dataclass(frozen=True, kw_only=True)

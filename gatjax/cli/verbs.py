@@ -231,12 +231,17 @@ def bench(verb: verbs.Bench) -> None:
     check_least(1, worlds=verb.worlds)
     if verb.seconds <= 0.0:
         raise ValueError(f"--seconds is {verb.seconds}; use more than 0")
-    from gatjax.cli.bench import measure, table
+    from gatjax import speed
 
-    rows = measure(verb.backends, verb.worlds, verb.seconds)
-    print(table(rows))
+    asked = speed.Asked(verb.backends, verb.kinds, verb.worlds, verb.seconds)
+    with shown(float(asked.rows)) as progress:
+        found = speed.measure(asked, progress)
+    print(speed.table(found["rows"]))
     if verb.json is not None:
-        runs.write_json(verb.json, {"schema": "gatjax.bench/1", "rows": rows})
+        runs.make_folder(verb.json.parent)
+        runs.write_json(verb.json, found)
+        speed.draw(found["rows"], verb.json.with_suffix(".png"))
+        print(f"{verb.json} and {verb.json.with_suffix('.png')}")
 
 
 @act.register

@@ -23,6 +23,7 @@ from gatjax.sim.actuation import State, actuation
 from gatjax.sim.world import Values, World, dropped_by_mjx, fields_applied
 
 Array = Any
+Step = Callable[[Any, Any], Any]
 TRACE = 1e-9  # N m, least dry friction of a world with friction; see `_with_fields`
 CONTACTS, ROWS = 9, 96  # MJX-Warp buffers a world: 8 sole contacts, constraint rows
 WORLDS = 32_768  # most worlds of one MJX-Warp call; its contact buffer is one for all
@@ -85,7 +86,9 @@ def _with_fields(model: Any, body: dict[str, Array]) -> Any:
     return model.tree_replace(body)
 
 
-def _substeps(world: World, values: Values, model: Any) -> Callable:
+def _substeps(
+    world: World, values: Values, model: Any, physics: Step = mjx.step
+) -> Callable:
     """Return (data, actuation state, target) -> the same after one control tick."""
     servos = actuation(world)
     where = find_slots(world.model)
@@ -108,7 +111,7 @@ def _substeps(world: World, values: Values, model: Any) -> Callable:
                 heavy = model.dof_armature.at[where.velocity].set(push.armature)
                 now = now.tree_replace({"dof_armature": heavy})
             with jax.numpy_rank_promotion("allow"):  # MJX promotes ranks itself
-                data = mjx.step(now, data)
+                data = physics(now, data)
             return (data, state), None
 
         return jax.lax.scan(step, (data, state), None, length=world.substeps)[0]
@@ -120,7 +123,7 @@ def _first_signal(target: Array, plant: episode.Plant) -> Signal:
     return Signal(target, plant.reading.angle, plant.velocity, jnp.zeros_like(target))
 
 
-def _run(world: World, impl: str, keep: Callable) -> Callable:
+def _run(world: World, impl: str, keep: Callable, physics: Step = mjx.step) -> Callable:
     base_model, base_data = bare_data(world, impl)
     where = find_slots(world.model)
     servos = actuation(world)
@@ -147,7 +150,7 @@ def _run(world: World, impl: str, keep: Callable) -> Callable:
         signal = _first_signal(episode.tasks.pose(policy), plant)
         state = servos.init(values, signal)
         control = episode.control(world, values, policy, noise_key, begin.go)
-        advance = _substeps(world, values, model)
+        advance = _substeps(world, values, model, physics)
 
         def tick(carry: tuple, index: Array) -> tuple:
             loop, data, state = carry
@@ -162,9 +165,17 @@ def _run(world: World, impl: str, keep: Callable) -> Callable:
     return run
 
 
-def outcome(world: World, impl: str = "jax") -> Callable[..., Outcome]:
-    """Return (values, policy [15], key) -> Outcome of one closed-loop run."""
-    run = _run(world, impl, keep=lambda row: None)
+def outcome(
+    world: World, impl: str = "jax", physics: Step = mjx.step
+) -> Callable[..., Outcome]:
+    """Return (values, policy [15], key) -> Outcome of one closed-loop run.
+
+    Args:
+        world: what to simulate.
+        impl: "jax" or "warp".
+        physics: (model, data) -> data one step later.
+    """
+    run = _run(world, impl, lambda row: None, physics)
 
     def one(values: Values, policy: Array, key: Array) -> Outcome:
         return episode.verdict(world, run(values, policy, key)[1])
@@ -247,10 +258,3 @@ def replay(world: World, impl: str = "jax") -> Callable[..., Array]:
         return log[warm:]
 
     return one
-
-
-def device_memory() -> float | None:
-    """Peak device memory in GiB, if the device reports it."""
-    stats = jax.local_devices()[0].memory_stats() or {}
-    peak = stats.get("peak_bytes_in_use")
-    return None if peak is None else float(np.round(peak / 2**30, 3))

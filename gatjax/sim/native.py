@@ -63,9 +63,15 @@ def _cpu(function: Callable, axes: tuple) -> Callable:
 class Native:
     """Runs of one world on the CPU; every method takes values and a batch."""
 
-    def __init__(self, world: World) -> None:
-        """Compile nothing yet; keep the world and find its joints and sensors."""
+    def __init__(self, world: World, engine: Callable[..., Any] = batch.Batch) -> None:
+        """Compile nothing yet; keep the world and find its joints and sensors.
+
+        Args:
+            world: what to simulate.
+            engine: (model, nsim) -> what steps so many robots.
+        """
         self.world = world
+        self._engine = engine
         self._where = find_slots(world.model)
         self._servos = actuation(world)
         self.begin = _cpu(self._begin_one, (None, 0, 0))
@@ -136,14 +142,14 @@ class Native:
 
     # batches
 
-    def _batch(self, values: Values, size: int) -> batch.Batch:
+    def _batch(self, values: Values, size: int) -> Any:
         model = fields_applied(dataclasses.replace(self.world, values=values))
         # A run that diverges must stay so: MuJoCo would set it up again, standing.
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-        return batch.Batch(model, nsim=size)
+        return self._engine(model, nsim=size)
 
     def _advance(
-        self, physics: batch.Batch, motor: Callable, state: State, target: Array,
+        self, physics: Any, motor: Callable, state: State, target: Array,
         ids: Any, stiffness: Array,
     ) -> State:  # fmt: skip
         """Play one control tick; `motor` is one step of the motor and joint effects."""

@@ -1,0 +1,198 @@
+"""Steps per second of a search's generation, by engine and world, beside its peers.
+
+Times of one row are taken in turns, so that a machine which slows down slows all of
+them; compare ratios, absolute times only from a quiet machine.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from gatjax import search
+from gatjax.loop.optimise import generation
+from gatjax.runs import Progress
+from gatjax.settings import LoopSettings, SearchSettings
+from gatjax.sim.world import World
+from gatjax.speed import machine, peers, stages
+from gatjax.speed.worlds import Walk, recorded, world_of
+from gatjax.task import Task
+from gatjax.walk.parameters import HIGH, LOW, STEP, THETA0
+
+SCHEMA = "gatjax.bench/2"
+REPEATS = 3
+ROLLOUTS = 20  # of a policy at most, as in the paper
+FEWEST = 4  # policies of a search
+NARROW = 1e-9  # steps: all policies walk like theta0, so all worlds do the same work
+ENVIRONMENT = "environment"
+Call = Callable[[], Any]
+
+
+class Asked(NamedTuple):
+    """What is to be measured."""
+
+    backends: Sequence[str]  # of native, mjx-jax, mjx-warp, environment
+    worlds: Sequence[str]  # of plain, grounded, explained
+    count: int  # robots in parallel
+    seconds: float  # simulated time after the settling, s
+
+    @property
+    def rows(self) -> int:
+        """How many rows that makes."""
+        engines = sum(backend != ENVIRONMENT for backend in self.backends)
+        return engines * len(self.worlds) + len(self.backends) - engines
+
+
+def shared(count: int) -> tuple[int, int]:
+    """Policies and rollouts a policy that make up a number of robots.
+
+    Raises:
+        ValueError: too few policies for a search.
+    """
+    if count < FEWEST:
+        raise ValueError(f"--worlds is {count}; a search needs {FEWEST} policies")
+    most = min(ROLLOUTS, count // FEWEST)
+    rollouts = next(k for k in range(most, 0, -1) if count % k == 0)
+    return count // rollouts, rollouts
+
+
+def measure(asked: Asked, progress: Progress) -> dict[str, Any]:
+    """Measure what is asked for.
+
+    Args:
+        asked: engines, worlds and sizes.
+        progress: one unit a row.
+
+    Returns:
+        Content of `gatjax bench --json`.
+    """
+    task = Task(duration=asked.seconds, longest_delay=0.0)
+    shared(asked.count)
+    plain = recorded(world_of("plain", task), asked.count)
+    rows = []
+    for backend in asked.backends:
+        if backend == ENVIRONMENT:
+            progress.stage(backend)
+            rows.append(_environment(plain))
+            progress.work(1.0)
+            continue
+        for kind in asked.worlds:
+            progress.stage(f"{backend}, {kind}")
+            rows.append(_row(backend, kind, world_of(kind, task), plain))
+            progress.work(1.0)
+    return {"schema": SCHEMA, "machine": machine.facts(), "rows": rows}
+
+
+def _row(backend: str, kind: str, world: World, walk: Walk) -> dict[str, Any]:
+    """A generation of the search in one world on one engine, beside bare steps."""
+    engine, _, impl = backend.partition("-")
+    impl = impl or "jax"
+    calls = {
+        "closed": searched(world, engine, impl, len(walk.qpos)),
+        "bare": (
+            peers.bare_native(walk)
+            if engine == "native"
+            else peers.bare_mjx(walk, impl)
+        ),
+        "control": stages.control(world, engine, impl, walk),
+        "search": stages.search_alone(*shared(len(walk.qpos))),
+    }
+    first = {name: timed(call) for name, call in calls.items()}
+    before = machine.joules()
+    best = raced(calls)
+    after = machine.joules()
+    closed, bare = best["closed"], best["bare"]
+    ticks = world.task.ticks - (engine == "native")
+    steps = len(walk.qpos) * ticks * world.substeps
+    parts = {"physics": bare, "control": best["control"], "search": best["search"]}
+    return _facts(backend, kind, engine, walk) | {
+        "closed_steps_per_s": steps / closed,
+        "bare_steps_per_s": steps / bare,
+        "closed_over_bare": closed / bare,
+        "rollouts_per_s": len(walk.qpos) / closed,
+        "generation_s": closed,
+        "stages_s": parts | {"rest": closed - sum(parts.values())},
+        "compile_s": max(0.0, first["closed"] - closed),
+        "joules": None if before is None or after is None else after - before,
+    }
+
+
+def _environment(walk: Walk) -> dict[str, Any]:
+    """The environment loop, plain world."""
+    run = peers.environment_loop(walk)
+    first = timed(run)
+    best = raced({"loop": run})["loop"]
+    steps = len(walk.qpos) * walk.world.task.ticks * walk.world.substeps
+    return _facts(ENVIRONMENT, "plain", "mjx", walk) | {
+        "closed_steps_per_s": steps / best, "bare_steps_per_s": None,
+        "closed_over_bare": None, "rollouts_per_s": len(walk.qpos) / best,
+        "generation_s": best, "stages_s": None,
+        "compile_s": max(0.0, first - best), "joules": None,
+    }  # fmt: skip
+
+
+def _facts(backend: str, kind: str, engine: str, walk: Walk) -> dict[str, Any]:
+    """What a row is about."""
+    compiled = engine == "mjx"
+    return {
+        "backend": backend, "world": kind,
+        "device": str(jax.devices()[0]) if compiled else "cpu",
+        "worlds": len(walk.qpos), "seconds": walk.world.task.duration,
+        "peak_memory_gib": machine.device_memory() if compiled else None,
+    }  # fmt: skip
+
+
+def searched(world: World, engine: str, impl: str, count: int) -> Call:
+    """Return one generation of a search: ask, all rollouts, tell."""
+    population, rollouts = shared(count)
+    settings = LoopSettings(
+        search=SearchSettings(population=population, rollouts=rollouts, sigma=NARROW),
+        backend=engine,
+        impl=impl,
+    )
+    space = search.Space(theta0=THETA0, step=STEP, low=LOW, high=HIGH)
+    state = search.start(space, settings.search, jax.random.key(0))
+    run = generation(settings, world, space)
+    return lambda: run(state, world.values, np.int32(0))[1].costs
+
+
+def timed(call: Call) -> float:
+    """Seconds of a call, its results included."""
+    begun = time.perf_counter()
+    jax.block_until_ready(call())
+    return time.perf_counter() - begun
+
+
+def raced(calls: Mapping[str, Call]) -> dict[str, float]:
+    """Seconds of the fastest of some runs of each call, taken in turns."""
+    rounds = [{name: timed(run) for name, run in calls.items()} for _ in range(REPEATS)]
+    return {name: min(each[name] for each in rounds) for name in calls}
+
+
+def table(rows: Sequence[dict[str, Any]]) -> str:
+    """Lay the rows out for a person."""
+    lines = [
+        f"{'backend':<12} {'world':<10} {'worlds':>6} {'steps/s':>11} {'bare':>11} "
+        f"{'time/bare':>9} {'compile s':>9}  where the time goes"
+    ]
+    for row in rows:
+        bare, ratio = row["bare_steps_per_s"], row["closed_over_bare"]
+        lines.append(
+            f"{row['backend']:<12} {row['world']:<10} {row['worlds']:>6} "
+            f"{row['closed_steps_per_s']:>11,.0f} "
+            f"{'-' if bare is None else f'{bare:,.0f}':>11} "
+            f"{'-' if ratio is None else f'{ratio:.2f}':>9} "
+            f"{row['compile_s']:>9.1f}  {_shares(row)}"
+        )
+    return "\n".join(lines)
+
+
+def _shares(row: dict[str, Any]) -> str:
+    """Stages of a generation in per cent of its time."""
+    stages = row["stages_s"] or {}
+    whole = row["generation_s"]
+    return ", ".join(f"{name} {part / whole:.0%}" for name, part in stages.items())

@@ -1,0 +1,100 @@
+"""The bench: equal work in all its loops, parts that add up, words for people."""
+
+import numpy as np
+import pytest
+
+from gatjax import speed
+from gatjax.cli import main
+from gatjax.runs import read_json
+from gatjax.sim.native import Native
+from gatjax.speed import bench, peers
+from gatjax.speed.stages import Held
+from gatjax.speed.worlds import recorded, world_of
+from gatjax.task import Task
+
+SHORT = Task(duration=0.2, settle=0.1, longest_delay=0.0)
+
+
+@pytest.fixture(scope="module")
+def walk():
+    return recorded(world_of("plain", SHORT), 4)
+
+
+def test_all_worlds_walk_alike(walk):
+    given = walk.policies, walk.keys
+    for kind in ("grounded", "explained"):
+        world = world_of(kind, SHORT)
+        told = Native(world).rollout(world.values, *given)[0].command
+        np.testing.assert_allclose(np.swapaxes(told, 0, 1), walk.command, atol=1e-3)
+
+
+def test_the_grounded_world_computes_its_networks():
+    world = world_of("grounded", SHORT)
+    networks = world.values.command["grounding"]
+    assert networks.alpha == 0.0
+    sizes = [weight.shape for weight in networks.inverse.weights]
+    assert sizes == [(130, 200), (200, 180), (180, 26)]
+    assert all(np.abs(weight).min() > 0.0 for weight in networks.inverse.weights)
+
+
+def test_what_is_held_is_told_everything_and_never_moves(walk):
+    world, keys = walk.world, walk.keys
+    native = Native(world, Held)
+    still = native.rollout(world.values, walk.policies, keys)[0]
+    assert np.ptp(still.base.position, axis=1).max() == 0.0
+    assert np.ptp(still.command, axis=1).max() > 0.01
+
+
+def test_the_environment_loop_walks(walk):
+    assert not peers.environment_loop(walk)().any()
+    lying = walk.qpos.copy()
+    lying[1, 3:7] = [np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0]
+    fell = peers.environment_loop(walk._replace(qpos=lying))()
+    assert fell.tolist() == [False, True, False, False]
+
+
+@pytest.mark.parametrize(
+    ("count", "parts"), [(3000, (150, 20)), (256, (16, 16)), (4, (4, 1))]
+)
+def test_worlds_are_policies_times_rollouts(count, parts):
+    assert bench.shared(count) == parts
+
+
+def test_too_few_worlds_are_refused():
+    with pytest.raises(ValueError, match="a search needs 4 policies"):
+        bench.shared(3)
+
+
+def row(**more):
+    stages = {"physics": 1.0, "control": 0.5, "search": 0.1, "rest": 0.4}
+    return {
+        "backend": "native", "world": "plain", "worlds": 256, "generation_s": 2.0,
+        "closed_steps_per_s": 1000.0, "bare_steps_per_s": 2000.0,
+        "closed_over_bare": 2.0, "compile_s": 3.0, "stages_s": stages,
+    } | more  # fmt: skip
+
+
+def test_the_table_says_where_the_time_goes(tmp_path):
+    loop = row(backend="environment", bare_steps_per_s=None, closed_over_bare=None,
+               stages_s=None)  # fmt: skip
+    _, first, second = speed.table([row(), loop]).splitlines()
+    assert "physics 50%, control 25%, search 5%, rest 20%" in first
+    assert " 2.00 " in first and "environment" in second
+    speed.draw([row(), loop], tmp_path / "bench.png")
+    assert (tmp_path / "bench.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_the_verb_measures_and_writes(tmp_path, capsys):
+    out = tmp_path / "new" / "bench.json"
+    size = ["--worlds", "4", "--seconds", "0.1", "--kinds", "plain"]
+    assert main(["bench", *size, "--json", str(out)]) == 0
+    assert "native       plain" in capsys.readouterr().out
+    found = read_json(out)
+    assert found["schema"] == "gatjax.bench/2"
+    assert found["machine"]["cores"] >= 1 and found["machine"]["versions"]["jax"]
+    (only,) = found["rows"]
+    assert sum(only["stages_s"].values()) == pytest.approx(only["generation_s"])
+    assert only["closed_over_bare"] == pytest.approx(
+        only["bare_steps_per_s"] / only["closed_steps_per_s"]
+    )
+    assert out.with_suffix(".png").is_file()
