@@ -55,6 +55,9 @@ class LoopSettings:
     """Control rate: 50 (paper), 100 or 83.3."""
     seed: int = 0
     """Seed of everything random."""
+    model: str = "light"
+    """Search on a robot without the joints that the walk never moves (light), or with
+    all of them (full); candidates are measured with all of them."""
     backend: str = "auto"
     """Search on: native (CPU threads), mjx (one compiled call), auto."""
     impl: str = "jax"

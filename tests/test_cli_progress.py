@@ -18,3 +18,19 @@ def test_a_stage_is_told_once_if_it_is_short(capsys):
         teller.stage("search")
         teller.work(0.5)
     assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_the_time_left_is_told_until_all_is_done(monkeypatch, capsys):
+    monkeypatch.setattr(progress, "QUIET", 0.0)
+    now = iter([0.0, 0.0, 50.0, 50.0, 58.0, 58.0, 100.0, 100.0])
+    monkeypatch.setattr(progress.time, "monotonic", lambda: next(now))
+    with progress.shown(10.0) as teller:
+        teller.stage("search")
+        teller.work(2.0)
+        teller.work(3.0)
+        teller.work(5.0)
+    said = [line.split("]")[0] for line in capsys.readouterr().err.splitlines()]
+    assert said == [
+        "[    0 s,   0%", "[   50 s,  20%, about 3.3 min left",
+        "[   58 s,  50%, about 58 s left", "[  100 s, 100%",
+    ]  # fmt: skip

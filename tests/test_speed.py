@@ -68,7 +68,8 @@ def test_too_few_worlds_are_refused():
 def row(**more):
     stages = {"physics": 1.0, "control": 0.5, "search": 0.1, "rest": 0.4}
     return {
-        "backend": "native", "world": "plain", "worlds": 256, "generation_s": 2.0,
+        "backend": "native", "world": "plain", "model": "full", "worlds": 256,
+        "generation_s": 2.0,
         "closed_steps_per_s": 1000.0, "bare_steps_per_s": 2000.0,
         "closed_over_bare": 2.0, "compile_s": 3.0, "stages_s": stages,
     } | more  # fmt: skip
@@ -86,7 +87,7 @@ def test_the_table_says_where_the_time_goes(tmp_path):
 
 def test_the_verb_measures_and_writes(tmp_path, capsys):
     out = tmp_path / "new" / "bench.json"
-    size = ["--worlds", "4", "--seconds", "0.1", "--kinds", "plain"]
+    size = ["--worlds", "4", "--seconds", "0.1", "--kinds", "plain", "--models", "full"]
     assert main(["bench", *size, "--json", str(out)]) == 0
     assert "native       plain" in capsys.readouterr().out
     found = read_json(out)

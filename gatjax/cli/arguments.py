@@ -173,6 +173,8 @@ class Search:
     population: int = 40
     rollouts: int = 4
     generations: int = 8
+    model: Literal["light", "full"] = "light"
+    """light: without the joints that the walk never moves; full: with all of them."""
     backend: Literal["auto", "native", "mjx"] = "auto"
     impl: Literal["jax", "warp"] = "jax"
     rate_hz: float = 50.0
@@ -241,6 +243,8 @@ class Bench:
     backends: tuple[Literal["native", "mjx-jax", "mjx-warp", "environment"], ...] = (
         "native",
     )
+    models: tuple[Literal["full", "light"], ...] = ("full", "light")
+    """With all joints, or without those that the walk never moves."""
     kinds: tuple[Literal["plain", "grounded", "explained"], ...] = (
         "plain", "grounded", "explained",
     )  # fmt: skip

@@ -55,6 +55,11 @@ def _heeding(stage: Callable[[str], None], work: Callable[[float], None]) -> Tel
     return Teller(checked_stage, checked_work)
 
 
+def _span(seconds: float) -> str:
+    """A time in the unit that reads best."""
+    return f"{seconds:.0f} s" if seconds < 60.0 else f"{seconds / 60.0:.1f} min"
+
+
 @contextmanager
 def _plain(total: float) -> Iterator[Teller]:
     begun, done, named = time.monotonic(), 0.0, ""
@@ -65,7 +70,7 @@ def _plain(total: float) -> Iterator[Teller]:
         named, said = text, time.monotonic()
         passed = said - begun
         left = passed * (total - done) / done if done else float("nan")
-        ahead = f", about {left / 60:.1f} min left" if done else ""
+        ahead = f", about {_span(left)} left" if 0.0 < done < total else ""
         print(f"[{passed:5.0f} s, {done / total:4.0%}{ahead}] {text}", file=sys.stderr)
 
     def work(units: float) -> None:

@@ -77,6 +77,7 @@ def open_search(verb: Search, settings: SearchSettings, theta: np.ndarray) -> No
         },
         "seed": verb.seed,
         "rate_hz": verb.rate_hz,
+        "model": verb.model,
         "search": dataclasses.asdict(settings),
     }
     file = verb.out / "config.json"

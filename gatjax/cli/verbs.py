@@ -143,7 +143,9 @@ def search(verb: verbs.Search) -> None:
         )
     )
     chosen = loop.resolved(
-        LoopSettings(backend=verb.backend, impl=verb.impl, search=settings)
+        LoopSettings(
+            model=verb.model, backend=verb.backend, impl=verb.impl, search=settings
+        )
     )
     world = world_of(verb.world, task_at(verb.rate_hz))
     check_walker(world.model, str(world.source))
@@ -233,7 +235,9 @@ def bench(verb: verbs.Bench) -> None:
         raise ValueError(f"--seconds is {verb.seconds}; use more than 0")
     from gatjax import speed
 
-    asked = speed.Asked(verb.backends, verb.kinds, verb.worlds, verb.seconds)
+    asked = speed.Asked(
+        verb.backends, verb.models, verb.kinds, verb.worlds, verb.seconds
+    )
     with shown(float(asked.rows)) as progress:
         found = speed.measure(asked, progress)
     print(speed.table(found["rows"]))

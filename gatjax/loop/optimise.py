@@ -15,6 +15,7 @@ from gatjax.records import Array
 from gatjax.runs import Progress
 from gatjax.settings import LoopSettings
 from gatjax.sim.backend import costs, pairs, prepare
+from gatjax.sim.lighter import lighter
 from gatjax.sim.world import World
 from gatjax.walk.parameters import HIGH, LOW, STEP, THETA0
 
@@ -75,18 +76,24 @@ def optimise(job: Job, settings: LoopSettings, progress: Progress) -> list[Candi
     runs_each = settings.search.population * settings.search.rollouts
     progress.work(SIMULATOR_UNIT * runs_each * first)
     if first < settings.search.generations:
-        step = generation(settings, job.world, space)
+        world = searched(settings, job.world)
+        step = generation(settings, world, space)
         for number in range(first, settings.search.generations):
             total = settings.search.generations
             progress.stage(f"{job.method}: generation {number + 1} of {total}")
             begun = time.perf_counter()
-            state, info = step(state, job.world.values, np.int32(number))
+            state, info = step(state, world.values, np.int32(number))
             info = jax.tree.map(np.asarray, info)
             candidates += write_candidates(job, number, info, begun)
             checkpoints.save(job.checkpoints, number, state)
             progress.work(SIMULATOR_UNIT * runs_each)
     verify(job, candidates, settings.search.rollouts)
     return candidates
+
+
+def searched(settings: LoopSettings, world: World) -> World:
+    """Return the world that a search runs in, lighter if the settings say so."""
+    return lighter(world) if settings.model == "light" else world
 
 
 def generation(

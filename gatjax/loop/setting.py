@@ -19,6 +19,7 @@ from gatjax.sim.backend import BACKENDS, default_backend
 from gatjax.sim.world import World
 from gatjax.task import Task, task_at
 
+MODELS = ("light", "full")  # that a search may run on
 CONFIRMATIONS = 10  # walks on the robot that the winner of a method is judged by
 SIMULATOR_UNIT, ROBOT_UNIT = 1.0, 12.0  # relative cost of one run, for the time left
 DIAGNOSIS_UNIT = 3000.0  # of a diagnosis
@@ -100,6 +101,10 @@ def resolved(settings: LoopSettings) -> LoopSettings:
             raise ValueError(f"{name} is {getattr(settings, name)}; use 4 or more")
     task_at(settings.rate_hz)
     checked(settings.search)
+    if settings.model not in MODELS:
+        raise ValueError(
+            f"model {settings.model!r} is unknown; choose from {list(MODELS)}"
+        )
     if settings.backend == "auto":
         settings = dataclasses.replace(settings, backend=default_backend())
     if settings.backend not in BACKENDS:

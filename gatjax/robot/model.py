@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 import mujoco
@@ -48,7 +50,11 @@ def spec_of(path: str | Path) -> mujoco.MjSpec:
     return spec
 
 
-def load(path: str | Path = "nao", timestep: float | None = None) -> mujoco.MjModel:
+def load(
+    path: str | Path = "nao",
+    timestep: float | None = None,
+    welded: Mapping[str, float] = MappingProxyType({}),
+) -> mujoco.MjModel:
     """Load a MuJoCo model; `nao` and `nao_hung` come with gatjax.
 
     MuJoCo leaves the off-diagonal mass terms of a body out that needs none as it is in
@@ -60,6 +66,8 @@ def load(path: str | Path = "nao", timestep: float | None = None) -> mujoco.MjMo
     Args:
         path: MJCF file, or a name in SHIPPED.
         timestep: physics step in s, if it shall differ from the file's.
+        welded: hinges that are held where they are, with their angles in rad; the
+            model then lacks them and their servos.
     """
     file = model_file(path)
     if not file.is_file():
@@ -68,6 +76,8 @@ def load(path: str | Path = "nao", timestep: float | None = None) -> mujoco.MjMo
         raise ValueError(f"{file} is no MJCF model; a world file is given as --world")
     try:
         spec = spec_of(path)
+        for joint, angle in welded.items():
+            _weld(spec, joint, angle)
         model = spec.compile()
         if model.body_simple[1:].any():
             for body in spec.bodies[1:]:
@@ -81,6 +91,30 @@ def load(path: str | Path = "nao", timestep: float | None = None) -> mujoco.MjMo
     model.actuator_forcerange[model.actuator_forcelimited == 0] = -np.inf, np.inf
     model.actuator_forcelimited[:] = 1
     return model
+
+
+def _weld(spec: mujoco.MjSpec, name: str, angle: float) -> None:
+    """Turn a hinge's body by an angle, rad, and take the hinge and its servo away."""
+    joint = spec.joint(name)
+    body = joint.parent
+    if body.alt.type != mujoco.mjtOrientation.mjORIENTATION_QUAT:
+        raise ValueError(
+            f"body {body.name!r}: write its orientation as quat, or take --model full"
+        )
+    axis, before, at = (np.array(v, float) for v in (joint.axis, body.quat, joint.pos))
+    axis, before = axis / np.linalg.norm(axis), before / np.linalg.norm(before)
+    zero = np.deg2rad(joint.ref) if spec.compiler.degree else joint.ref
+    turn, pose, moved = np.zeros(4), np.zeros(4), np.zeros(3)
+    mujoco.mju_axisAngle2Quat(turn, axis, angle - zero)
+    mujoco.mju_rotVecQuat(moved, at, turn)
+    mujoco.mju_rotVecQuat(moved, at - moved, before)
+    mujoco.mju_mulQuat(pose, before, turn)
+    body.quat, body.pos = pose, np.array(body.pos) + moved
+    for key in list(spec.keys):  # of another size
+        spec.delete(key)
+    for servo in [each for each in spec.actuators if each.target == name]:
+        spec.delete(servo)
+    spec.delete(joint)
 
 
 def joint_names(model: mujoco.MjModel) -> tuple[str, ...]:

@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from gatjax import task as tasks
-from gatjax.records import Base, Outcome, Reading, Sensed, Signal, Trajectory
+from gatjax.records import JOINTS, Base, Outcome, Reading, Sensed, Signal, Trajectory
 from gatjax.robot import nao
-from gatjax.robot.model import Slots
+from gatjax.robot.model import Slots, joint_names
 from gatjax.sim.world import Values, World
 from gatjax.walk.parameters import unpack
 
@@ -56,6 +56,11 @@ class Start(NamedTuple):
     go: Array  # [] int, control tick of the walk request
 
 
+def joints_of(model: Any) -> np.ndarray:
+    """Indices [K] into `JOINTS` of the joints that a NAO's model drives."""
+    return np.array([JOINTS.index(name) for name in joint_names(model)])
+
+
 def observe(slots: Slots, qpos: Array, qvel: Array, sensors: Array) -> Plant:
     """Read the plant off MuJoCo's state vectors [nq], [nv], [ns]."""
     return Plant(
@@ -74,13 +79,13 @@ def start(world: World, slots: Slots, policy: Array, key: Array) -> Start:
     """Draw the start of a run: ready pose on the floor, slightly disturbed."""
     model, task = world.model, world.task
     angle_key, velocity_key, spin_key, go_key = jax.random.split(key, 4)
-    angle = tasks.pose(policy)
+    kept, angle = joints_of(model), tasks.pose(policy)
     height = unpack(policy).walk_hip_height + nao.HIP_DROP
     qpos = jnp.zeros(model.nq, policy.dtype).at[2].set(height).at[3].set(1.0)
-    qpos = qpos.at[slots.position].set(angle)
     disturbance = START_ANGLE * jax.random.normal(angle_key, angle.shape, policy.dtype)
     low, high = jnp.asarray(nao.LOW, policy.dtype), jnp.asarray(nao.HIGH, policy.dtype)
-    qpos = qpos.at[slots.position].set(jnp.clip(angle + disturbance, low, high))
+    angle = jnp.clip(angle + disturbance, low, high)
+    qpos = qpos.at[slots.position].set(angle[kept])
     follower, follows = coupled(model, qpos)
     qpos = qpos.at[follower].set(follows)
     qvel = jnp.zeros(model.nv, policy.dtype)
@@ -134,7 +139,7 @@ def coupled_speed(model: Any, qpos: Array, qvel: Array) -> tuple[Any, Array]:
 def open_loop(world: World, values: Values, policy: Array, plant: Plant) -> Loop:
     """Return the control loop of a run that begins."""
     command, _, sensor = world.chains()
-    angle = tasks.pose(policy)
+    angle = tasks.pose(policy)[joints_of(world.model)]
     silent = jax.tree.map(jnp.zeros_like, plant.reading)
     signal = Signal(angle, plant.reading.angle, plant.velocity, 0.0 * angle)
     return Loop(
@@ -145,15 +150,21 @@ def open_loop(world: World, values: Values, policy: Array, plant: Plant) -> Loop
     )
 
 
-def draws(key: Array, tick: Array, like: Reading) -> tuple[Reading, Array]:
-    """Unit normal draws of one tick: for the sensors, and for the command [J]."""
-    sizes = [leaf.shape[-1] for leaf in like]
-    joints = sizes[0]
+def draws(
+    key: Array, tick: Array, like: Reading, kept: np.ndarray
+) -> tuple[Reading, Array]:
+    """Unit normal draws of one tick: for the sensors, and for the command [K].
+
+    A joint's draws are the same whatever other joints the model has.
+    """
+    joints = len(JOINTS)
+    sizes = [joints, *(leaf.shape[-1] for leaf in like[1:])]
     total = sum(sizes) + joints
     flat = jax.random.normal(jax.random.fold_in(key, tick), (total,), like.angle.dtype)
     ends = [sum(sizes[: index + 1]) for index in range(len(sizes))]
     parts = [flat[e - n : e] for e, n in zip(ends, sizes, strict=True)]
-    return Reading(*parts), flat[total - joints :]
+    reading = Reading(*parts)
+    return reading._replace(angle=reading.angle[kept]), flat[total - joints :][kept]
 
 
 def control(
@@ -165,17 +176,19 @@ def control(
     generation meet the same disturbances.
     """
     command, _, sensor = world.chains()
-    task = world.task
+    task, kept, rest = world.task, joints_of(world.model), tasks.pose(policy)
 
     def step(loop: Loop, tick: Array, plant: Plant) -> tuple[Loop, Array, Row]:
-        sensor_noise, command_noise = draws(key, tick, plant.reading)
+        sensor_noise, command_noise = draws(key, tick, plant.reading, kept)
         score = tasks.keep_score(task, go, tick, loop.score, plant.base)
         sensor_state, sensed = sensor.apply(
             values.sensor, loop.sensor, Sensed(plant.reading, sensor_noise)
         )
-        pilot, target = tasks.pilot(task, policy, go, loop.pilot, sensed.reading)
-        row = Row(target, sensed.reading, plant.base, score.alive)
-        signal = Signal(target, sensed.reading.angle, plant.velocity, command_noise)
+        angle = sensed.reading.angle
+        whole = sensed.reading._replace(angle=rest.at[kept].set(angle))
+        pilot, target = tasks.pilot(task, policy, go, loop.pilot, whole)
+        row = Row(target, whole, plant.base, score.alive)
+        signal = Signal(target[kept], angle, plant.velocity, command_noise)
         command_state, signal = command.apply(values.command, loop.command, signal)
         loop = Loop(pilot, command_state, sensor_state, score)
         return loop, signal.target, row

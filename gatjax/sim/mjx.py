@@ -147,7 +147,8 @@ def _run(world: World, impl: str, keep: Callable, physics: Step = mjx.step) -> C
 
         plant = see(data)
         loop = episode.open_loop(world, values, policy, plant)
-        signal = _first_signal(episode.tasks.pose(policy), plant)
+        stand = episode.tasks.pose(policy)[episode.joints_of(world.model)]
+        signal = _first_signal(stand, plant)
         state = servos.init(values, signal)
         control = episode.control(world, values, policy, noise_key, begin.go)
         advance = _substeps(world, values, model, physics)

@@ -89,8 +89,9 @@ class Native:
         sensors = jnp.zeros(self.world.model.nsensordata, policy.dtype)
         plant = episode.observe(self._where, begin.qpos, begin.qvel, sensors)
         loop = episode.open_loop(self.world, values, policy, plant)
+        kept = episode.joints_of(self.world.model)
         first = Signal(
-            tasks.pose(policy), plant.reading.angle, plant.velocity,
+            tasks.pose(policy)[kept], plant.reading.angle, plant.velocity,
             jnp.zeros_like(plant.velocity),
         )  # fmt: skip
         return begin, loop, self._servos.init(values, first), noise_key

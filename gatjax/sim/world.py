@@ -8,6 +8,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import jax
@@ -88,7 +89,10 @@ class World:
 
 
 def nominal(
-    task: Task = Task(), source: str | Path = "nao", timestep: float | None = None
+    task: Task = Task(),
+    source: str | Path = "nao",
+    timestep: float | None = None,
+    welded: Mapping[str, float] = MappingProxyType({}),
 ) -> World:
     """Return the ideal simulator of a robot: sensor noise, no other effect.
 
@@ -98,8 +102,9 @@ def nominal(
         timestep: physics step in s; the file's if left out, shortened until it divides
             the control period. A servo's angle is wrong by what it moves in about half
             a step.
+        welded: hinges that are held where they are, rad.
     """
-    model = robot_model.load(source, timestep)
+    model = robot_model.load(source, timestep, welded)
     model.opt.timestep = dividing(task.control_period, model.opt.timestep)
     return World(
         model=model,

@@ -6,6 +6,7 @@ them; compare ratios, absolute times only from a quiet machine.
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -17,6 +18,7 @@ from gatjax import search
 from gatjax.loop.optimise import generation
 from gatjax.runs import Progress
 from gatjax.settings import LoopSettings, SearchSettings
+from gatjax.sim.lighter import lighter
 from gatjax.sim.world import World
 from gatjax.speed import machine, peers, stages
 from gatjax.speed.worlds import Walk, recorded, world_of
@@ -36,6 +38,7 @@ class Asked(NamedTuple):
     """What is to be measured."""
 
     backends: Sequence[str]  # of native, mjx-jax, mjx-warp, environment
+    models: Sequence[str]  # of full, light
     worlds: Sequence[str]  # of plain, grounded, explained
     count: int  # robots in parallel
     seconds: float  # simulated time after the settling, s
@@ -44,7 +47,8 @@ class Asked(NamedTuple):
     def rows(self) -> int:
         """How many rows that makes."""
         engines = sum(backend != ENVIRONMENT for backend in self.backends)
-        return engines * len(self.worlds) + len(self.backends) - engines
+        alike = len(self.backends) - engines
+        return engines * len(self.models) * len(self.worlds) + alike
 
 
 def shared(count: int) -> tuple[int, int]:
@@ -80,9 +84,11 @@ def measure(asked: Asked, progress: Progress) -> dict[str, Any]:
             rows.append(_environment(plain))
             progress.work(1.0)
             continue
-        for kind in asked.worlds:
-            progress.stage(f"{backend}, {kind}")
-            rows.append(_row(backend, kind, world_of(kind, task), plain))
+        for kind, model in itertools.product(asked.worlds, asked.models):
+            progress.stage(f"{backend}, {kind}, {model}")
+            world = world_of(kind, task)
+            world = lighter(world) if model == "light" else world
+            rows.append(_row(backend, kind, world, plain) | {"model": model})
             progress.work(1.0)
     return {"schema": SCHEMA, "machine": machine.facts(), "rows": rows}
 
@@ -130,7 +136,7 @@ def _environment(walk: Walk) -> dict[str, Any]:
     return _facts(ENVIRONMENT, "plain", "mjx", walk) | {
         "closed_steps_per_s": steps / best, "bare_steps_per_s": None,
         "closed_over_bare": None, "rollouts_per_s": len(walk.qpos) / best,
-        "generation_s": best, "stages_s": None,
+        "generation_s": best, "stages_s": None, "model": "full",
         "compile_s": max(0.0, first - best), "joules": None,
     }  # fmt: skip
 
@@ -176,13 +182,15 @@ def raced(calls: Mapping[str, Call]) -> dict[str, float]:
 def table(rows: Sequence[dict[str, Any]]) -> str:
     """Lay the rows out for a person."""
     lines = [
-        f"{'backend':<12} {'world':<10} {'worlds':>6} {'steps/s':>11} {'bare':>11} "
+        f"{'backend':<12} {'world':<10} {'model':<6} {'worlds':>6} {'steps/s':>11} "
+        f"{'bare':>11} "
         f"{'time/bare':>9} {'compile s':>9}  where the time goes"
     ]
     for row in rows:
         bare, ratio = row["bare_steps_per_s"], row["closed_over_bare"]
         lines.append(
-            f"{row['backend']:<12} {row['world']:<10} {row['worlds']:>6} "
+            f"{row['backend']:<12} {row['world']:<10} {row['model']:<6} "
+            f"{row['worlds']:>6} "
             f"{row['closed_steps_per_s']:>11,.0f} "
             f"{'-' if bare is None else f'{bare:,.0f}':>11} "
             f"{'-' if ratio is None else f'{ratio:.2f}':>9} "

@@ -19,7 +19,7 @@ WORDS = {
 
 def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
     """Draw rows of `gatjax bench` into a file."""
-    names = [f"{row['backend']}, {row['world']}" for row in rows]
+    names = [f"{row['backend']}, {row['world']}, {row['model']}" for row in rows]
     figure = Figure((11.0, 1.6 + 0.45 * len(rows)), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     places = range(len(rows))

@@ -1,0 +1,154 @@
+"""A walker without the joints that its walk never moves."""
+
+import jax
+import mujoco
+import numpy as np
+import pytest
+
+from gatjax.effects.effect import Effect
+from gatjax.records import JOINTS
+from gatjax.robot.model import joint_names, load, slots
+from gatjax.robot.nao import WALKING, WALKING_JOINTS
+from gatjax.sim import episode
+from gatjax.sim.lighter import HELD, lighter
+from gatjax.sim.native import Native
+from gatjax.sim.world import (
+    add_cause,
+    add_causes,
+    add_command,
+    fields_applied,
+    nominal,
+)
+from gatjax.task import Task, pose
+from gatjax.walk.parameters import HIGH, LOW, STEP, THETA0
+
+BENT = """
+<mujoco><worldbody>
+  <body pos="0 0 1" quat="0.9 0.1 0.3 0.2"><joint name="a" axis="0 1 0"/>
+    <geom size="0.1" mass="1"/>
+    <body pos="0.2 0.1 0" quat="0.8 -0.2 0.1 0.5">
+      <joint name="b" axis="1 2 0" pos="0.05 -0.1 0.2" ref="10"/>
+      <geom size="0.1" mass="1"/>
+      <body pos="0.3 0 0.1"><joint name="c" axis="0 0 1"/>
+        <geom size="0.1" pos="0.1 0 0" mass="1"/><site name="tip" pos="0.2 0 0"/>
+      </body>
+    </body>
+  </body>
+</worldbody><actuator>
+  <position name="of_a" joint="a" kp="1"/><position name="of_b" joint="b" kp="1"/>
+  <position name="of_c" joint="c" kp="1"/>
+</actuator><keyframe><key qpos="1 2 3"/></keyframe></mujoco>
+"""
+
+
+def test_a_welded_hinge_is_where_it_stood(tmp_path):
+    (tmp_path / "bent.xml").write_text(BENT)
+    whole = load(tmp_path / "bent.xml")
+    held = load(tmp_path / "bent.xml", welded={"b": 0.7})
+    assert joint_names(held) == ("a", "c")
+    tips = []
+    for model, angles in ((whole, [0.3, 0.7, -0.4]), (held, [0.3, -0.4])):
+        data = mujoco.MjData(model)
+        data.qpos[:] = angles
+        mujoco.mj_forward(model, data)
+        tips.append([data.site("tip").xpos, data.site("tip").xmat, data.qfrc_bias[0]])
+    for one, other in zip(*tips, strict=True):
+        np.testing.assert_allclose(other, one, atol=1e-12)
+
+
+def test_what_is_held_still_weighs():
+    full, light = nominal(), lighter(nominal())
+    assert joint_names(light.model) == WALKING_JOINTS
+    assert set(HELD) == set(JOINTS) - set(WALKING_JOINTS)
+    stand, found = np.asarray(pose(THETA0)), []
+    for world, angles in ((full, stand), (light, stand[WALKING])):
+        data = mujoco.MjData(world.model)
+        data.qpos[slots(world.model).position] = angles
+        mujoco.mj_forward(world.model, data)
+        found.append([*data.subtree_com[0], world.model.body_mass.sum()])
+    np.testing.assert_allclose(found[1], found[0], atol=1e-9)
+
+
+def walked(world, policies, keys):
+    """Outcomes of policies [B, 15] on a world and on its lighter one."""
+    each = (world, lighter(world))
+    return [Native(one).outcome(one.values, policies, keys) for one in each]
+
+
+def test_the_walk_is_the_same():
+    steps = np.random.default_rng(1).normal(size=(6, 15))
+    policies = np.clip(THETA0 + 0.5 * STEP * steps, LOW, HIGH)
+    keys = jax.random.split(jax.random.key(2), 6)
+    full, light = walked(nominal(Task(duration=3.0)), policies, keys)
+    assert not np.isfinite([full.fell_at, light.fell_at]).any()
+    assert np.std(full.velocity) > 0.01  # m/s, between policies
+    np.testing.assert_allclose(light.velocity, full.velocity, atol=0.006)
+
+
+def test_who_falls_falls_in_both():
+    world = add_cause(nominal(Task(duration=2.0)), "gravity_tilt", ["all"], 0.3)
+    policies = np.tile(THETA0, (4, 1))
+    full, light = walked(world, policies, jax.random.split(jax.random.key(2), 4))
+    assert np.isfinite(full.fell_at).all()
+    np.testing.assert_allclose(light.fell_at, full.fell_at, atol=0.06)
+
+
+def test_causes_at_held_joints_are_left_out():
+    rows = [
+        ("backlash", ["HeadYaw", "LKneePitch"], {"width": 0.01}),
+        ("dead_band", ["LElbowRoll"], {"half_width": 0.01}),
+        ("command_delay", ["all"], {"delay": 0.01}),
+        ("payload", ["RElbowRoll"], {"mass": 0.1}),
+    ]
+    light = lighter(add_causes(nominal(), rows))
+    found = [(row["cause"], row["where"]) for row in light.causes]
+    assert found == [("backlash", ["LKneePitch"]), ("command_delay", ["all"])]
+
+
+def test_what_causes_make_of_held_bodies_stays():
+    rows = [
+        ("payload", ["RElbowRoll", "LKneePitch"], {"mass": 0.2}),
+        ("com_shift", ["HeadPitch"], {"x": 0.01}),
+        ("payload", ["all"], {"mass": 0.01}),
+    ]
+    full = add_causes(nominal(), rows)
+    light = lighter(full)
+    for field in ("body_mass", "body_ipos", "body_inertia"):
+        one, other = (getattr(fields_applied(world), field) for world in (full, light))
+        np.testing.assert_allclose(other, one, atol=1e-9, err_msg=field)
+    assert full.model.body_mass.sum() + 0.6 < fields_applied(light).body_mass.sum()
+
+
+def test_a_learned_effect_sees_the_joints_that_are_held():
+    seen = []
+
+    def apply(params, state, signal):
+        seen.append(signal.angle.shape)
+        return state, signal._replace(target=signal.target + params)
+
+    shift = np.arange(len(JOINTS)) * 1e-3
+    effect = Effect(lambda params, signal: (), apply)
+    short = Task(duration=0.1, settle=0.1, longest_delay=0.0)
+    light = lighter(add_command(nominal(short), "grounding", effect, shift))
+    command, _, _ = light.chains()
+    target = np.asarray(pose(THETA0))[WALKING].astype(np.float32)
+    signal = episode.Signal(target, target, 0.0 * target, 0.0 * target)
+    _, changed = command.apply(
+        light.values.command, command.init(light.values.command, signal), signal
+    )
+    assert set(seen) == {(len(JOINTS),)}
+    np.testing.assert_allclose(changed.target - target, shift[WALKING], atol=1e-6)
+
+
+@pytest.mark.parametrize("kept", [np.arange(25), WALKING])
+def test_noise_is_that_of_the_joint(kept):
+    def of(joints):
+        like = episode.Reading(
+            np.zeros(len(joints), np.float32), *np.zeros((2, 3)), np.zeros(8)
+        )
+        return episode.draws(jax.random.key(4), 3, like, joints)
+
+    (whole, commands), (some, told) = of(np.arange(25)), of(kept)
+    np.testing.assert_array_equal(some.angle, whole.angle[kept])
+    np.testing.assert_array_equal(told, commands[kept])
+    np.testing.assert_array_equal(some.force, whole.force)
