@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
+from gatjax.effects.catalogue import CATALOGUE
 from gatjax.effects.effect import Effect
 from gatjax.records import JOINTS, Signal
 from gatjax.robot.nao import WALKING_JOINTS
@@ -50,7 +51,8 @@ def _loaded(light: World, world: World) -> World:
     """The lighter world with what causes at held joints make of the bodies."""
     heavy = nominal(world.task, world.source, world.model.opt.timestep)
     for row in world.causes:
-        everywhere = row["where"] == ["all"]
+        jointed = CATALOGUE[row["cause"]].place == "joint"
+        everywhere = jointed and row["where"] == ["all"]
         held = HELD if everywhere else [p for p in row["where"] if p in HELD]
         heavy = _added(heavy, row, list(held))
     changed = fields_applied(heavy)
