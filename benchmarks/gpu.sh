@@ -7,6 +7,7 @@
 # up in /tmp as long as the machine is kept, and the call with the last one measures.
 #
 #   WORLDS, SECONDS_EACH, POPULATION, ROLLOUTS   smaller, to try the script on a CPU
+#   KINDS, MODELS   of gatjax bench: each pair is compiled by itself
 #   BACKENDS   "native" on a machine without a GPU; one at a time where a call may not last
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -52,8 +53,8 @@ gatjax doctor || failed=1
 # One process a backend: its peak memory is its own, and one that breaks stops no other.
 for backend in ${BACKENDS:-mjx-jax mjx-warp native}; do
     echo "== bench $backend"
-    gatjax bench "${size[@]}" --backends "$backend" --json "$out/bench-$backend.json" ||
-        failed=1
+    gatjax bench "${size[@]}" --backends "$backend" --kinds ${KINDS:-grounded} \
+        --models ${MODELS:-full light} --json "$out/bench-$backend.json" || failed=1
     echo "== one generation of the paper on $backend"
     kind=(--backend "${backend%%-*}")
     [ "$backend" = native ] || kind+=(--impl "${backend#*-}")
