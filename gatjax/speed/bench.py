@@ -76,55 +76,73 @@ def measure(asked: Asked, progress: Progress) -> dict[str, Any]:
     """
     task = Task(duration=asked.seconds, longest_delay=0.0)
     shared(asked.count)
-    plain = recorded(world_of("plain", task), asked.count)
+    world = world_of("plain", task)
+    plain = {"full": recorded(world, asked.count)}
+    if "light" in asked.models:
+        plain["light"] = recorded(lighter(world), asked.count)
     rows = []
     for backend in asked.backends:
         if backend == ENVIRONMENT:
             progress.stage(backend)
-            rows.append(_environment(plain))
+            rows.append(_environment(plain["full"]))
             progress.work(1.0)
             continue
         for kind, model in itertools.product(asked.worlds, asked.models):
             progress.stage(f"{backend}, {kind}, {model}")
             world = world_of(kind, task)
             world = lighter(world) if model == "light" else world
-            rows.append(_row(backend, kind, world, plain) | {"model": model})
+            about = {"backend": backend, "world": kind, "model": model}
+            rows.append(about | _row(backend, world, plain["full"], plain[model]))
             progress.work(1.0)
     return {"schema": SCHEMA, "machine": machine.facts(), "rows": rows}
 
 
-def _row(backend: str, kind: str, world: World, walk: Walk) -> dict[str, Any]:
-    """A generation of the search in one world on one engine, beside bare steps."""
+def _row(backend: str, world: World, whole: Walk, own: Walk) -> dict[str, Any]:
+    """A generation of the search in one world on one engine, beside bare steps.
+
+    Args:
+        backend: native, mjx-jax or mjx-warp.
+        world: that the search runs in.
+        whole: plain walk of the full model, which the bare loop plays.
+        own: plain walk of the world's own model.
+    """
     engine, _, impl = backend.partition("-")
     impl = impl or "jax"
+    count = len(own.qpos)
     calls = {
-        "closed": searched(world, engine, impl, len(walk.qpos)),
-        "bare": (
-            peers.bare_native(walk)
-            if engine == "native"
-            else peers.bare_mjx(walk, impl)
-        ),
-        "control": stages.control(world, engine, impl, walk),
-        "search": stages.search_alone(*shared(len(walk.qpos))),
+        "closed": searched(world, engine, impl, count),
+        "bare": bare(engine, impl, whole),
+        "control": stages.control(world, engine, impl, own),
+        "search": stages.search_alone(*shared(count)),
     }
+    if own is not whole:
+        calls["physics"] = bare(engine, impl, own)
     first = {name: timed(call) for name, call in calls.items()}
     before = machine.joules()
     best = raced(calls)
     after = machine.joules()
-    closed, bare = best["closed"], best["bare"]
+    closed = best["closed"]
     ticks = world.task.ticks - (engine == "native")
-    steps = len(walk.qpos) * ticks * world.substeps
-    parts = {"physics": bare, "control": best["control"], "search": best["search"]}
-    return _facts(backend, kind, engine, walk) | {
+    steps = count * ticks * world.substeps
+    parts = {"physics": best.get("physics", best["bare"])}
+    parts |= {name: best[name] for name in ("control", "search")}
+    return _facts(engine, own) | {
         "closed_steps_per_s": steps / closed,
-        "bare_steps_per_s": steps / bare,
-        "closed_over_bare": closed / bare,
-        "rollouts_per_s": len(walk.qpos) / closed,
+        "bare_steps_per_s": steps / best["bare"],
+        "closed_over_bare": closed / best["bare"],
+        "rollouts_per_s": count / closed,
         "generation_s": closed,
         "stages_s": parts | {"rest": closed - sum(parts.values())},
         "compile_s": max(0.0, first["closed"] - closed),
         "joules": None if before is None or after is None else after - before,
     }
+
+
+def bare(engine: str, impl: str, walk: Walk) -> Call:
+    """Return a bare loop of an engine."""
+    if engine == "native":
+        return peers.bare_native(walk)
+    return peers.bare_mjx(walk, impl)
 
 
 def _environment(walk: Walk) -> dict[str, Any]:
@@ -133,19 +151,19 @@ def _environment(walk: Walk) -> dict[str, Any]:
     first = timed(run)
     best = raced({"loop": run})["loop"]
     steps = len(walk.qpos) * walk.world.task.ticks * walk.world.substeps
-    return _facts(ENVIRONMENT, "plain", "mjx", walk) | {
+    return _facts("mjx", walk) | {
+        "backend": ENVIRONMENT, "world": "plain", "model": "full",
         "closed_steps_per_s": steps / best, "bare_steps_per_s": None,
         "closed_over_bare": None, "rollouts_per_s": len(walk.qpos) / best,
-        "generation_s": best, "stages_s": None, "model": "full",
+        "generation_s": best, "stages_s": None,
         "compile_s": max(0.0, first - best), "joules": None,
     }  # fmt: skip
 
 
-def _facts(backend: str, kind: str, engine: str, walk: Walk) -> dict[str, Any]:
+def _facts(engine: str, walk: Walk) -> dict[str, Any]:
     """What a row is about."""
     compiled = engine == "mjx"
     return {
-        "backend": backend, "world": kind,
         "device": str(jax.devices()[0]) if compiled else "cpu",
         "worlds": len(walk.qpos), "seconds": walk.world.task.duration,
         "peak_memory_gib": machine.device_memory() if compiled else None,

@@ -35,7 +35,7 @@ def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
     right.set_xlabel("seconds a generation")
     for part, colour in INK.items():
         right.barh([0], [0], color=colour, label=WORDS[part])
-    right.legend(loc="best", fontsize=8)
+    figure.legend(loc="outside upper right", ncols=len(INK), fontsize=8)
     for axes in (left, right):
         axes.spines[["top", "right"]].set_visible(False)
     figure.savefig(path, dpi=110)

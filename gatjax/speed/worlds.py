@@ -17,6 +17,7 @@ from gatjax.grounding.gat import Gat, gat_effect
 from gatjax.grounding.network import HIDDEN, Network
 from gatjax.grounding.transitions import HISTORY
 from gatjax.robot.nao import WALKING
+from gatjax.sim.episode import joints_of
 from gatjax.sim.native import Native
 from gatjax.sim.world import World, add_causes, add_command, nominal
 from gatjax.task import Task
@@ -77,7 +78,7 @@ class Walk(NamedTuple):
     keys: Any  # [B]
     qpos: np.ndarray  # [B, nq] at the start
     qvel: np.ndarray  # [B, nv]
-    command: np.ndarray  # [T, B, J] rad
+    command: np.ndarray  # [T, B, K] rad, of the model's joints
 
 
 def recorded(world: World, worlds: int) -> Walk:
@@ -87,7 +88,7 @@ def recorded(world: World, worlds: int) -> Walk:
     native = Native(world)
     start = native.begin(world.values, policies, keys)[0]
     walk, _ = native.rollout(world.values, policies, keys)
-    command = np.swapaxes(walk.command, 0, 1)
+    command = np.swapaxes(walk.command, 0, 1)[..., joints_of(world.model)]
     return Walk(
         world, policies, keys, np.asarray(start.qpos), np.asarray(start.qvel), command
     )
