@@ -9,13 +9,13 @@ from __future__ import annotations
 from typing import Any
 
 import jax.numpy as jnp
-import mujoco
 import numpy as np
 
 from gatjax.effects.catalogue import CATALOGUE
 from gatjax.effects.effect import Effect
 from gatjax.records import JOINTS, Signal
 from gatjax.robot.nao import WALKING_JOINTS
+from gatjax.sim.derived import settle
 from gatjax.sim.episode import joints_of
 from gatjax.sim.world import World, add_cause, add_command, fields_applied, nominal
 from gatjax.task import pose
@@ -40,8 +40,7 @@ def lighter(world: World) -> World:
     )
     for row in world.causes:
         light = _added(light, row, [p for p in row["where"] if p not in HELD])
-    learned = set(world.command) - _catalogued(world)
-    for name in (name for name in world.command if name in learned):
+    for name in world.learned:
         effect = _among_all(world.command[name], joints_of(light.model), stand)
         light = add_command(light, name, effect, world.values.command[name])
     return light
@@ -56,9 +55,7 @@ def _loaded(light: World, world: World) -> World:
         held = HELD if everywhere else [p for p in row["where"] if p in HELD]
         heavy = _added(heavy, row, list(held))
     changed = fields_applied(heavy)
-    for field in BODIES:
-        getattr(light.model, field)[:] = getattr(changed, field)
-    mujoco.mj_setConst(light.model, mujoco.MjData(light.model))
+    settle(light.model, {field: getattr(changed, field) for field in BODIES})
     return light
 
 
@@ -68,14 +65,6 @@ def _added(world: World, row: dict[str, Any], where: list[str]) -> World:
         return world
     role = row.get("role", "cause")
     return add_cause(world, row["cause"], where, row["values"], role)
-
-
-def _catalogued(world: World) -> set[str]:
-    """Names of the command effects that rows of causes have made."""
-    return {
-        name for name in world.command
-        if any(name == f"{row['cause']}_{k}" for k, row in enumerate(world.causes))
-    }  # fmt: skip
 
 
 def _among_all(effect: Effect, kept: np.ndarray, stand: np.ndarray) -> Effect:

@@ -75,10 +75,10 @@ class World:
         return chain(**self.command), chain(**self.motor), chain(**self.sensor)
 
     @property
-    def learned(self) -> bool:
-        """Whether a command effect comes from elsewhere than the catalogue."""
+    def learned(self) -> tuple[str, ...]:
+        """Names of command effects that come from elsewhere than the catalogue."""
         ours = {_effect(row["cause"], n) for n, row in enumerate(self.causes)}
-        return not ours.issuperset(self.command)
+        return tuple(name for name in self.command if name not in ours)
 
     @property
     def foresees(self) -> bool:
