@@ -19,11 +19,14 @@ import jax
 import mujoco
 import numpy as np
 import pytest
+from mujoco import batch
 
 from gatjax.effects.catalogue import CATALOGUE
 from gatjax.effects.effect import memoryless
 from gatjax.sim.backend import costs, pairs, prepare
-from gatjax.sim.world import add_cause, add_command, nominal
+from gatjax.sim.native import Native
+from gatjax.sim.shares import joined
+from gatjax.sim.world import add_cause, add_causes, add_command, nominal
 from gatjax.task import Task
 from gatjax.walk.parameters import THETA0
 
@@ -247,6 +250,59 @@ def test_without_effects_c_plays_whole_ticks_and_the_same(policies, keys):
     np.testing.assert_allclose(second.cost, first.cost, rtol=0, atol=1e-5)
     np.testing.assert_array_equal(second.ok, first.ok)
     np.testing.assert_array_equal(np.isinf(second.fell_at), np.isinf(first.fell_at))
+
+
+@pytest.mark.parametrize("causes", [[], [("load_friction", ["all"], 0.05)]])
+def test_shares_of_robots_run_as_all_together(causes, policies, keys):
+    world = add_causes(nominal(TASK), causes)
+    found = [
+        Native(world, shares=lambda _, k=parts: k).rollout(world.values, policies, keys)
+        for parts in (1, 2)
+    ]
+    alive = found[0][0].alive
+    for one, other in zip(*map(jax.tree.leaves, found), strict=True):
+        walked = alive if one.ndim > 1 else slice(None)  # no row matters after a fall
+        np.testing.assert_array_equal(other[walked], one[walked])
+
+
+def test_a_share_that_fails_stops_the_others():
+    told = []
+
+    def run(rows, stopped):
+        if 0 in rows:
+            raise ValueError("the first share")
+        told.append(stopped.wait(20.0))
+
+    with pytest.raises(ValueError, match="the first share"):
+        joined(run, 10, 3)
+    assert told == [True, True]
+
+
+def test_sensors_are_those_of_the_last_step(policies, keys):
+    class Sensing:
+        """A batch whose sensors are never left out."""
+
+        def __init__(self, model, nsim):
+            self._batch = batch.Batch(model, nsim=nsim)
+            self._kept = np.zeros((nsim, 1), np.int32)
+
+        def expand(self, name):
+            if name == "opt.disableflags":
+                return self._kept
+            return self._batch.expand(name)
+
+        def __getattr__(self, name):
+            return getattr(self._batch, name)
+
+    world = nominal(TASK)
+    whole = Native(world, lambda model, nsim: Sensing(model, nsim))
+    one, _ = whole.rollout(world.values, policies, keys)
+    other, _ = Native(world).rollout(world.values, policies, keys)
+    assert np.ptp(one.reading.force) > 1.0  # N
+    for field in ("force", "gyro", "accelerometer"):
+        np.testing.assert_array_equal(
+            getattr(other.reading, field), getattr(one.reading, field)
+        )
 
 
 def test_costs_try_every_policy_with_every_key(native, world, policies, keys):

@@ -5,12 +5,13 @@ import mujoco
 import numpy as np
 import pytest
 
+from gatjax.effects.catalogue import CATALOGUE
 from gatjax.effects.effect import Effect
 from gatjax.records import JOINTS
-from gatjax.robot.model import joint_names, load, slots
+from gatjax.robot.model import Held, joint_names, load, slots
 from gatjax.robot.nao import WALKING, WALKING_JOINTS
 from gatjax.sim import episode
-from gatjax.sim.lighter import HELD, lighter
+from gatjax.sim.lighter import HELD, WEIGHING, lighter
 from gatjax.sim.native import Native
 from gatjax.sim.world import (
     add_cause,
@@ -28,7 +29,7 @@ BENT = """
     <geom size="0.1" mass="1"/>
     <body pos="0.2 0.1 0" quat="0.8 -0.2 0.1 0.5">
       <joint name="b" axis="1 2 0" pos="0.05 -0.1 0.2" ref="10"/>
-      <geom size="0.1" mass="1"/>
+      <geom size="0.1" mass="1" contype="0" conaffinity="0"/>
       <body pos="0.3 0 0.1"><joint name="c" axis="0 0 1"/>
         <geom size="0.1" pos="0.1 0 0" mass="1"/><site name="tip" pos="0.2 0 0"/>
       </body>
@@ -44,7 +45,7 @@ BENT = """
 def test_a_welded_hinge_is_where_it_stood(tmp_path):
     (tmp_path / "bent.xml").write_text(BENT)
     whole = load(tmp_path / "bent.xml")
-    held = load(tmp_path / "bent.xml", welded={"b": 0.7})
+    held = load(tmp_path / "bent.xml", held=Held({"b": 0.7}, whole))
     assert joint_names(held) == ("a", "c")
     tips = []
     for model, angles in ((whole, [0.3, 0.7, -0.4]), (held, [0.3, -0.4])):
@@ -52,6 +53,7 @@ def test_a_welded_hinge_is_where_it_stood(tmp_path):
         data.qpos[:] = angles
         mujoco.mj_forward(model, data)
         tips.append([data.site("tip").xpos, data.site("tip").xmat, data.qfrc_bias[0]])
+    assert (held.nbody, held.ngeom) == (whole.nbody - 1, whole.ngeom - 1)
     for one, other in zip(*tips, strict=True):
         np.testing.assert_allclose(other, one, atol=1e-12)
 
@@ -105,18 +107,45 @@ def test_causes_at_held_joints_are_left_out():
     assert found == [("backlash", ["LKneePitch"]), ("command_delay", ["all"])]
 
 
-def test_what_causes_make_of_held_bodies_stays():
+def test_what_causes_make_of_bodies_stays():
     rows = [
-        ("payload", ["RElbowRoll", "LKneePitch"], {"mass": 0.2}),
-        ("com_shift", ["HeadPitch"], {"x": 0.01}),
+        ("payload", ["RElbowRoll", "LKneePitch"], {"mass": 0.2, "x": 0.03}),
+        ("com_shift", ["HeadPitch", "RHipRoll"], {"x": 0.01}),
         ("payload", ["all"], {"mass": 0.01}),
     ]
     full = add_causes(nominal(), rows)
     light = lighter(full)
-    for field in ("body_mass", "body_ipos", "body_inertia"):
-        one, other = (getattr(fields_applied(world), field) for world in (full, light))
-        np.testing.assert_allclose(other, one, atol=1e-9, err_msg=field)
-    assert full.model.body_mass.sum() + 0.6 < fields_applied(light).body_mass.sum()
+    assert light.causes == ()
+    rng, stand, found = np.random.default_rng(3), np.asarray(pose(THETA0)), []
+    moved = stand.copy()
+    moved[WALKING] += rng.normal(0.0, 0.3, len(WALKING))
+    for world, angles in ((full, moved), (light, moved[WALKING])):
+        model = fields_applied(world)
+        data = mujoco.MjData(model)
+        data.qpos[slots(model).position] = angles
+        data.qvel[:6] = 0.3
+        mujoco.mj_forward(model, data)
+        inertia = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, inertia)
+        found.append([inertia[:6, :6], data.qfrc_bias[:6], data.subtree_com[0]])
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_allclose(other, one, atol=1e-9)
+
+
+AT_JOINTS = [name for name, cause in CATALOGUE.items() if cause.place == "joint"]
+
+
+@pytest.mark.parametrize("name", AT_JOINTS)
+def test_only_some_causes_change_what_bodies_weigh(name):
+    weighs = False
+    for part in CATALOGUE[name].parts:
+        if part.slot == "body":
+            model = load()
+            params = {key: np.full(model.nu, 0.01) for key in part.takes}
+            params = params[part.takes[0]] if len(part.takes) == 1 else params
+            changed = set(part.build(model, {}, params))
+            weighs |= bool(changed & {"body_mass", "body_ipos", "body_inertia"})
+    assert weighs == (name in WEIGHING)
 
 
 def test_a_learned_effect_sees_the_joints_that_are_held():

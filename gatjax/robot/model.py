@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import NamedTuple
 
 import mujoco
@@ -22,6 +21,13 @@ class Slots(NamedTuple):
     gyro: slice
     accelerometer: slice
     force: slice
+
+
+class Held(NamedTuple):
+    """Hinges that do not move, for a model that has no more than the others need."""
+
+    angles: Mapping[str, float]  # rad, by joint
+    masses: mujoco.MjModel  # the same model, whose bodies say what each weighs
 
 
 HUNG = "nao_hung"  # the NAO with its torso held in the air
@@ -53,7 +59,7 @@ def spec_of(path: str | Path) -> mujoco.MjSpec:
 def load(
     path: str | Path = "nao",
     timestep: float | None = None,
-    welded: Mapping[str, float] = MappingProxyType({}),
+    held: Held | None = None,
 ) -> mujoco.MjModel:
     """Load a MuJoCo model; `nao` and `nao_hung` come with gatjax.
 
@@ -66,8 +72,8 @@ def load(
     Args:
         path: MJCF file, or a name in SHIPPED.
         timestep: physics step in s, if it shall differ from the file's.
-        welded: hinges that are held where they are, with their angles in rad; the
-            model then lacks them and their servos.
+        held: hinges that the model shall lack, with their servos; bodies without a
+            joint become one with those that carry them, geoms that touch nothing go.
     """
     file = model_file(path)
     if not file.is_file():
@@ -76,8 +82,8 @@ def load(
         raise ValueError(f"{file} is no MJCF model; a world file is given as --world")
     try:
         spec = spec_of(path)
-        for joint, angle in welded.items():
-            _weld(spec, joint, angle)
+        if held is not None:
+            _hold(spec, held)
         model = spec.compile()
         if model.body_simple[1:].any():
             for body in spec.bodies[1:]:
@@ -91,6 +97,19 @@ def load(
     model.actuator_forcerange[model.actuator_forcelimited == 0] = -np.inf, np.inf
     model.actuator_forcelimited[:] = 1
     return model
+
+
+def _hold(spec: mujoco.MjSpec, held: Held) -> None:
+    """Take hinges away, and all that no longer has to be computed."""
+    for number, body in enumerate(spec.bodies[1:], start=1):
+        like = held.masses.body(number)
+        body.mass, body.explicitinertial = float(like.mass[0]), 1
+        body.ipos, body.iquat, body.inertia = like.ipos, like.iquat, like.inertia
+        body.fullinertia = np.full(6, np.nan)
+    spec.compiler.inertiafromgeom = 0
+    for joint, angle in held.angles.items():
+        _weld(spec, joint, angle)
+    spec.compiler.fusestatic = spec.compiler.discardvisual = 1
 
 
 def _weld(spec: mujoco.MjSpec, name: str, angle: float) -> None:

@@ -1,7 +1,7 @@
 """A walker without the joints that its walk never moves: the same walk for less work.
 
 Head, elbows, wrists and hands are held where the walk has them stand. Their bodies
-stay, with what causes have made of their masses.
+are one with those that carry them, with what causes have made of their masses.
 """
 
 from __future__ import annotations
@@ -11,60 +11,42 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from gatjax.effects.catalogue import CATALOGUE
 from gatjax.effects.effect import Effect
 from gatjax.records import JOINTS, Signal
+from gatjax.robot.model import Held
 from gatjax.robot.nao import WALKING_JOINTS
-from gatjax.sim.derived import settle
 from gatjax.sim.episode import joints_of
 from gatjax.sim.world import World, add_cause, add_command, fields_applied, nominal
 from gatjax.task import pose
 from gatjax.walk.parameters import THETA0
 
 Array = Any
-BODIES = ("body_mass", "body_ipos", "body_iquat", "body_inertia")
 HELD = tuple(joint for joint in JOINTS if joint not in WALKING_JOINTS)
+WEIGHING = ("payload", "com_shift")
+"""Causes that change what bodies weigh."""
 
 
 def lighter(world: World) -> World:
     """Return a walker's world without the joints in HELD.
 
-    Of causes at held joints only what they make of bodies is left; those at "all"
-    joints are at all that are left. A learned command effect sees the held joints where
-    they stand.
+    What causes make of the bodies is in its model, as are the bodies that no longer
+    move by themselves. Of other causes those at held joints are left out; those at
+    "all" joints are at all that are left. A learned command effect sees the held joints
+    where they stand.
     """
     stand = np.asarray(pose(THETA0))
     angles = {joint: float(stand[JOINTS.index(joint)]) for joint in HELD}
-    light = _loaded(
-        nominal(world.task, world.source, world.model.opt.timestep, angles), world
-    )
+    held = Held(angles, fields_applied(world))
+    light = nominal(world.task, world.source, world.model.opt.timestep, held)
     for row in world.causes:
-        light = _added(light, row, [p for p in row["where"] if p not in HELD])
+        where = [place for place in row["where"] if place not in HELD]
+        if where and row["cause"] not in WEIGHING:
+            role = row.get("role", "cause")
+            light = add_cause(light, row["cause"], where, row["values"], role)
     for name in world.learned:
         effect = _among_all(world.command[name], joints_of(light.model), stand)
         light = add_command(light, name, effect, world.values.command[name])
     return light
-
-
-def _loaded(light: World, world: World) -> World:
-    """The lighter world with what causes at held joints make of the bodies."""
-    heavy = nominal(world.task, world.source, world.model.opt.timestep)
-    for row in world.causes:
-        jointed = CATALOGUE[row["cause"]].place == "joint"
-        everywhere = jointed and row["where"] == ["all"]
-        held = HELD if everywhere else [p for p in row["where"] if p in HELD]
-        heavy = _added(heavy, row, list(held))
-    changed = fields_applied(heavy)
-    settle(light.model, {field: getattr(changed, field) for field in BODIES})
-    return light
-
-
-def _added(world: World, row: dict[str, Any], where: list[str]) -> World:
-    """A world with a row of causes at some places, if there are any."""
-    if not where:
-        return world
-    role = row.get("role", "cause")
-    return add_cause(world, row["cause"], where, row["values"], role)
 
 
 def _among_all(effect: Effect, kept: np.ndarray, stand: np.ndarray) -> Effect:

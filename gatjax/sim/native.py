@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -28,24 +29,25 @@ from gatjax.records import (
     Trajectory,
 )
 from gatjax.robot.model import slots as find_slots
-from gatjax.sim import episode
+from gatjax.sim import episode, shares
 from gatjax.sim.actuation import Push, State, actuation
 from gatjax.sim.compiled import host
 from gatjax.sim.world import Values, World, fields_applied
 
 Array = Any
 SMALLEST = 64  # rows of a compiled batch
+FEW = 100  # geoms of which all pairs are looked at sooner than trees of them are built
 INVERTED = 8  # iterations that undo what encoders do to an angle
 
 
 def _padding(count: int) -> np.ndarray:
-    """Rows that fill a batch up to a power of two, 64 at least.
+    """Rows that fill a batch up to one of a few sizes.
 
     The compiled control loop then serves many batch sizes; rows that are only padding
-    are never stepped, so they cost next to nothing.
+    are never stepped, and are an eighth of the batch or less than `SMALLEST`.
     """
-    size = max(SMALLEST, 1 << (count - 1).bit_length())
-    return np.minimum(np.arange(size), count - 1)
+    part = max(SMALLEST, (1 << (count - 1).bit_length()) // 8)
+    return np.minimum(np.arange(-(-count // part) * part), count - 1)
 
 
 def _cpu(function: Callable, axes: tuple) -> Callable:
@@ -63,15 +65,21 @@ def _cpu(function: Callable, axes: tuple) -> Callable:
 class Native:
     """Runs of one world on the CPU; every method takes values and a batch."""
 
-    def __init__(self, world: World, engine: Callable[..., Any] = batch.Batch) -> None:
+    def __init__(
+        self,
+        world: World,
+        engine: Callable[..., Any] = batch.Batch,
+        shares: Callable[[int], int] = shares.count,
+    ) -> None:
         """Compile nothing yet; keep the world and find its joints and sensors.
 
         Args:
             world: what to simulate.
             engine: (model, nsim) -> what steps so many robots.
+            shares: (robots) -> in how many shares they run at the same time.
         """
         self.world = world
-        self._engine = engine
+        self._engine, self._shares = engine, shares
         self._where = find_slots(world.model)
         self._servos = actuation(world)
         self.begin = _cpu(self._begin_one, (None, 0, 0))
@@ -147,19 +155,31 @@ class Native:
         model = fields_applied(dataclasses.replace(self.world, values=values))
         # A run that diverges must stay so: MuJoCo would set it up again, standing.
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+        if model.ntree == 1 and model.ngeom < FEW:  # islands are found among trees
+            model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
+            model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE
         return self._engine(model, nsim=size)
 
     def _advance(
         self, physics: Any, motor: Callable, state: State, target: Array,
         ids: Any, stiffness: Array,
     ) -> State:  # fmt: skip
-        """Play one control tick; `motor` is one step of the motor and joint effects."""
+        """Play one control tick; `motor` is one step of the motor and joint effects.
+
+        Sensors are read after the last step, so they are left out of the others.
+        """
+        last, dofs = self.world.substeps - 1, self._where.velocity
+        unread = mujoco.mjtDisableBit.mjDSBL_SENSOR.value
+        flags = physics.expand("opt.disableflags")
+        flags |= unread
         if self._servos.plain:
             physics.ctrl[:] = np.asarray(target)
-            physics.step(ids=ids, nstep=self.world.substeps)
+            if last:
+                physics.step(ids=ids, nstep=last)
+            flags &= ~unread
+            physics.step(ids=ids)
             return state
-        dofs = self._where.velocity
-        for _ in range(self.world.substeps):
+        for step in range(self.world.substeps):
             angle, velocity = (
                 physics.qpos[:, self._where.position],
                 physics.qvel[:, dofs],
@@ -171,10 +191,15 @@ class Native:
                 physics.expand("dof_frictionloss")[:, dofs] = np.asarray(push.friction)
             if push.armature is not None:
                 physics.expand("dof_armature")[:, dofs] = np.asarray(push.armature)
+            if step == last:
+                flags &= ~unread
             physics.step(ids=ids)
         return state
 
-    def _run(self, values: Values, policies: Array, keys: Array, keep: Callable) -> Any:
+    def _run(
+        self, values: Values, policies: Array, keys: Array, keep: Callable,
+        stopped: threading.Event,
+    ) -> Any:  # fmt: skip
         count = len(policies)
         rows = _padding(count)
         policies = jnp.asarray(policies, jnp.result_type(float))[rows]
@@ -194,7 +219,7 @@ class Native:
             )  # fmt: skip
             keep(row, count)
             ids = np.flatnonzero(np.asarray(loop.score.alive))
-            if len(ids) == 0:
+            if len(ids) == 0 or stopped.is_set():
                 break
             motor = self._advance(physics, servos, motor, target, ids, full)
         verdict = episode.verdict(self.world, loop)
@@ -202,18 +227,34 @@ class Native:
 
     def outcome(self, values: Values, policies: Array, keys: Array) -> Outcome:
         """Closed-loop runs of policies [B, 15] with keys [B] -> Outcome [B]."""
-        return self._run(values, policies, keys, keep=lambda row, count: None)
+
+        def some(rows: np.ndarray, stopped: threading.Event) -> Outcome:
+            ours = policies[rows], keys[rows]
+            return self._run(values, *ours, lambda row, count: None, stopped)
+
+        return shares.joined(some, len(policies), self._shares(len(policies)))
 
     def rollout(
         self, values: Values, policies: Array, keys: Array
     ) -> tuple[Trajectory, Outcome]:
         """Closed-loop runs -> (Trajectory [B, T, ...], Outcome [B])."""
+
+        def some(rows: np.ndarray, stopped: threading.Event) -> Any:
+            return self._recorded(values, policies[rows], keys[rows], stopped)
+
+        return shares.joined(some, len(policies), self._shares(len(policies)))
+
+    def _recorded(
+        self, values: Values, policies: Array, keys: Array, stopped: threading.Event
+    ) -> tuple[Trajectory, Outcome]:
+        """Closed-loop runs of one share."""
         rows: list[episode.Row] = []
         verdict = self._run(
             values, policies, keys,
-            keep=lambda row, count: rows.append(
+            lambda row, count: rows.append(
                 jax.tree.map(lambda leaf: np.asarray(leaf)[:count], row)
             ),
+            stopped,
         )  # fmt: skip
         last = jax.tree.map(lambda leaf: np.array(leaf), rows[-1])
         last = last._replace(alive=np.zeros_like(last.alive))

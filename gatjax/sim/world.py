@@ -8,7 +8,6 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import jax
@@ -92,7 +91,7 @@ def nominal(
     task: Task = Task(),
     source: str | Path = "nao",
     timestep: float | None = None,
-    welded: Mapping[str, float] = MappingProxyType({}),
+    held: robot_model.Held | None = None,
 ) -> World:
     """Return the ideal simulator of a robot: sensor noise, no other effect.
 
@@ -102,9 +101,9 @@ def nominal(
         timestep: physics step in s; the file's if left out, shortened until it divides
             the control period. A servo's angle is wrong by what it moves in about half
             a step.
-        welded: hinges that are held where they are, rad.
+        held: hinges that do not move.
     """
-    model = robot_model.load(source, timestep, welded)
+    model = robot_model.load(source, timestep, held)
     model.opt.timestep = dividing(task.control_period, model.opt.timestep)
     return World(
         model=model,
