@@ -11,6 +11,7 @@ import jax
 import numpy as np
 
 from gatjax.records import Outcome, Trajectory
+from gatjax.sim.spread import over_devices
 from gatjax.sim.world import World
 
 Array = Any
@@ -43,6 +44,8 @@ def prepare(world: World, backend: str = "native", impl: str = "jax") -> Backend
         from gatjax.sim import mjx
 
         outcome = jax.vmap(mjx.outcome(world, impl), in_axes=(None, 0, 0))
+        if len(jax.local_devices()) > 1:
+            outcome = over_devices(outcome, jax.local_devices())
         rollout = jax.jit(jax.vmap(mjx.rollout(world, impl), in_axes=(None, 0, 0)))
         replay = jax.jit(jax.vmap(mjx.replay(world, impl), in_axes=(None, 0, 0, 0, 0)))
         return Backend(jax.jit(outcome), rollout, replay, True)

@@ -1,0 +1,40 @@
+"""Robots spread over the devices of one host."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import numpy as np
+from jax.sharding import Mesh, PartitionSpec
+
+Array = Any
+ROBOTS = "robots"  # the axis of the mesh
+
+
+def over_devices(outcome: Callable[..., Any], devices: Sequence[Any]) -> Callable:
+    """Return the same runs with the robots shared out among devices.
+
+    A number of robots that the devices do not divide is filled up with copies of the
+    last one, which are thrown away.
+
+    Args:
+        outcome: (values, policies [B, 15], keys [B]) -> leaves [B, ...], traceable.
+        devices: of this host.
+    """
+    mesh = Mesh(np.array(devices), (ROBOTS,))
+    each, all_same = PartitionSpec(ROBOTS), PartitionSpec()
+    split = jax.shard_map(
+        outcome, mesh=mesh, in_specs=(all_same, each, each), out_specs=each,
+        check_vma=False,
+    )  # fmt: skip
+
+    def run(values: Any, policies: Array, keys: Array) -> Any:
+        count = policies.shape[0]
+        filled = -(-count // len(devices)) * len(devices)
+        rows = np.minimum(np.arange(filled), count - 1)
+        result = split(values, policies[rows], keys[rows])
+        return jax.tree.map(lambda leaf: leaf[:count], result)
+
+    return run
