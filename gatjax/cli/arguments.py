@@ -177,8 +177,33 @@ class Search:
     """light: without the joints that the walk never moves; full: with all of them."""
     backend: Literal["auto", "native", "mjx"] = "auto"
     impl: Literal["jax", "warp"] = "jax"
+    listen: int | None = None
+    """Port at which other hosts join, with gatjax work, before and while it runs."""
+    hosts: int = 0
+    """With --listen: others to wait for, up to five minutes, before it begins."""
     rate_hz: float = 50.0
     seed: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Work:
+    """Run a share of the policies of a search that another host leads.
+
+    On the leader: gatjax search --listen 5123 ... On any other host, as many as there
+    are, started by hand or by Slurm, Kubernetes, Ray or mpirun, now or later:
+
+        gatjax work --leader node0:5123
+
+    A host needs gatjax of the same version, no files. It may be killed at any time.
+    On a network with strangers give all hosts the same secret in GATJAX_SECRET.
+    """
+
+    leader: str
+    """HOST:PORT of the search."""
+    backend: Literal["auto", "native", "mjx"] = "auto"
+    impl: Literal["jax", "warp"] = "jax"
+    patience: float = 300.0
+    """Seconds to wait for a leader that is not there yet, or died."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -297,6 +322,7 @@ VERBS: dict[str, type] = {
     "diagnose": Diagnose,
     "ground": Ground,
     "search": Search,
+    "work": Work,
     "evaluate": Evaluate,
     "view": View,
     "report": Report,

@@ -13,13 +13,14 @@ import numpy as np
 import gatjax
 from gatjax import loop, runs
 from gatjax.cli import arguments as verbs
-from gatjax.cli import logs
+from gatjax.cli import logs, sharing
 from gatjax.cli.collecting import record, summary
 from gatjax.cli.inputs import check_least, policy_of, robot_of, world_of
 from gatjax.cli.progress import shown
 from gatjax.cli.resume import open_search, resumed
 from gatjax.data.mapping import read_map
 from gatjax.data.recording import read_recording
+from gatjax.hosts import address_of, serve
 from gatjax.report import build_report, headline
 from gatjax.report.page import build_walk_page
 from gatjax.robot.model import check_walker
@@ -155,10 +156,21 @@ def search(verb: verbs.Search) -> None:
     keys = jax.random.split(key)
     job = loop.Job(verb.out, "search", 0, world, theta, *keys)
     units = settings.population * settings.rollouts * settings.generations
-    with shown(float(units)) as progress:
-        last = loop.optimise(job, chosen, progress)[-1]
+    with shown(float(units)) as progress, sharing.opened(verb) as share:
+        last = loop.optimise(job, chosen, progress, share)[-1]
     path = verb.out / "policies" / f"{last.name}.json"
     print(f"{path}: mean of the last generation; try it with gatjax evaluate")
+
+
+@act.register
+def work(verb: verbs.Work) -> None:
+    """Run a share of another host's search."""
+    use_compile_cache()
+    shares = serve(
+        address_of(verb.leader), lambda task: sharing.prepared(task, verb),
+        verb.patience, sharing.say,
+    )  # fmt: skip
+    print(f"{verb.leader} is done; this host had a share in {shares} generations")
 
 
 @act.register

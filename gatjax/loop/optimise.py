@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -63,8 +64,25 @@ class Job(NamedTuple):
         return self.folder / "checkpoints" / f"{self.method}_{self.iteration}"
 
 
-def optimise(job: Job, settings: LoopSettings, progress: Progress) -> list[Candidate]:
-    """Search, or go on with a search; return best and mean of every generation."""
+Share = Callable[[search.Evaluate], search.Evaluate]
+
+
+def unshared(evaluate: search.Evaluate) -> search.Evaluate:
+    """Leave all policies to this host."""
+    return evaluate
+
+
+def optimise(
+    job: Job, settings: LoopSettings, progress: Progress, share: Share = unshared
+) -> list[Candidate]:
+    """Search, or go on with a search; return best and mean of every generation.
+
+    Args:
+        job: what is searched, and where.
+        settings: of the run.
+        progress: told of every generation.
+        share: makes of what evaluates policies here what evaluates them on all hosts.
+    """
     theta = np.clip(job.theta, LOW, HIGH)
     space = search.Space(theta0=theta, step=STEP, low=LOW, high=HIGH)
     state = search.start(space, settings.search, job.key)
@@ -77,7 +95,7 @@ def optimise(job: Job, settings: LoopSettings, progress: Progress) -> list[Candi
     progress.work(SIMULATOR_UNIT * runs_each * first)
     if first < settings.search.generations:
         world = searched(settings, job.world)
-        step = generation(settings, world, space)
+        step = generation(settings, world, space, share)
         for number in range(first, settings.search.generations):
             total = settings.search.generations
             progress.stage(f"{job.method}: generation {number + 1} of {total}")
@@ -97,13 +115,13 @@ def searched(settings: LoopSettings, world: World) -> World:
 
 
 def generation(
-    settings: LoopSettings, world: World, space: search.Space
+    settings: LoopSettings, world: World, space: search.Space, share: Share = unshared
 ) -> search.Generation:
-    """Return one generation: a single compiled call on mjx."""
+    """Return one generation: a single compiled call on mjx, on one host."""
     backend = prepare(world, settings.backend, settings.impl)
-    if backend.compiled:
+    if backend.compiled and share is unshared:
         return jax.jit(search.generation(space, settings.search, costs(backend)))
-    return search.host_generation(space, settings.search, costs(backend))
+    return search.host_generation(space, settings.search, share(costs(backend)))
 
 
 def write_candidates(

@@ -32,7 +32,7 @@ def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
     left.set_yticks(list(places), names)
     left.invert_yaxis()
     left.set_xlabel("thousand physics steps a second; stroke: bare loop")
-    right.set_xlabel("seconds a generation")
+    right.set_xlabel("seconds, each part by itself; stroke: a generation")
     for part, colour in INK.items():
         right.barh([0], [0], color=colour, label=WORDS[part])
     figure.legend(loc="outside upper right", ncols=len(INK), fontsize=8)
@@ -48,3 +48,4 @@ def _stack(axes: Axes, place: int, row: dict[str, Any]) -> None:
     for part, seconds in stages.items():
         axes.barh(place, max(seconds, 0.0), left=begun, color=INK[part])
         begun += max(seconds, 0.0)
+    axes.plot([row["generation_s"]] * 2, [place - 0.4, place + 0.4], color="black")

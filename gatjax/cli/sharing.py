@@ -1,0 +1,146 @@
+"""Searches on several hosts: what the leader tells them, and what they make of it."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import platform
+import sys
+import tempfile
+from collections.abc import Iterator
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from gatjax import loop
+from gatjax.cli.arguments import Search, Work
+from gatjax.cli.inputs import world_of
+from gatjax.cli.resume import GROUNDING
+from gatjax.hosts import Crew, Task
+from gatjax.hosts.crew import Run
+from gatjax.loop.optimise import Share, searched, unshared
+from gatjax.robot.model import SHIPPED, check_walker
+from gatjax.search import Evaluate
+from gatjax.settings import LoopSettings
+from gatjax.sim.backend import costs, prepare
+from gatjax.sim.world import world_file
+from gatjax.task import task_at
+
+Array = Any
+SAME = ("gatjax", "mujoco")  # packages of which all hosts need the same version
+WAIT = 300.0  # s for hosts that are asked for
+WORLD, MODEL, LEARNED = "world.json", "model.xml", "grounding"
+
+
+def say(text: str) -> None:
+    """Show a line beside the progress."""
+    print(f"gatjax: {text}", file=sys.stderr, flush=True)
+
+
+@contextlib.contextmanager
+def opened(verb: Search) -> Iterator[Share]:
+    """Let other hosts join a search while the block runs, if it listens.
+
+    Raises:
+        ValueError: one line: flags that do not fit, or the port can not be had.
+    """
+    if verb.listen is None:
+        if verb.hosts:
+            raise ValueError("--hosts is for --listen PORT, where others join")
+        yield unshared
+        return
+    if not 0 <= verb.listen < 65536 or not 0 <= verb.hosts < verb.population:
+        raise ValueError(
+            f"--listen is a port up to 65535, --hosts less than the population "
+            f"({verb.population}): a host without a policy has nothing to do"
+        )
+    crew = Crew(verb.listen, _told(verb), say)
+    say(f"listens: gatjax work --leader {platform.node()}:{crew.port}")
+    try:
+        crew.wait(verb.hosts, WAIT)
+        yield _shared(crew)
+    finally:
+        crew.close()
+
+
+def _told(verb: Search) -> Task:
+    """What a search tells hosts that join."""
+    facts = {
+        "versions": {name: version(name) for name in SAME},
+        "model": verb.model,
+        "rate_hz": verb.rate_hz,
+    }
+    return Task(facts, {} if verb.world is None else _files(verb.world))
+
+
+def _shared(crew: Crew) -> Share:
+    """Spread what evaluates policies over the hosts of a crew."""
+
+    def share(evaluate: Evaluate) -> Evaluate:
+        def every(values: Any, policies: Array, keys: Array) -> Array:
+            words = np.asarray(jax.random.key_data(keys))
+            return crew.evaluate(_run(evaluate, values), np.asarray(policies), words)
+
+        return every
+
+    return share
+
+
+def prepared(task: Task, verb: Work) -> Run:
+    """Return what runs a leader's policies on this host.
+
+    Raises:
+        ValueError: one line: it can not be done here.
+    """
+    ours = {name: version(name) for name in SAME}
+    if task.facts["versions"] != ours:
+        raise ValueError(f"the leader has {task.facts['versions']}, this host {ours}")
+    with tempfile.TemporaryDirectory() as folder:
+        _unpack(task.files, Path(folder))
+        path = Path(folder) if task.files else None
+        world = world_of(path, task_at(task.facts["rate_hz"]))
+        check_walker(world.model, str(world.source))
+        settings = loop.resolved(
+            LoopSettings(
+                model=task.facts["model"], backend=verb.backend, impl=verb.impl
+            )
+        )
+        world = searched(settings, world)  # reads the model again
+    return _run(costs(prepare(world, settings.backend, settings.impl)), world.values)
+
+
+def _run(evaluate: Evaluate, values: Any) -> Run:
+    """Policies and words of keys -> costs."""
+
+    def run(policies: Array, words: Array) -> np.ndarray:
+        return np.asarray(evaluate(values, policies, jax.random.wrap_key_data(words)))
+
+    return run
+
+
+def _files(path: Path) -> dict[str, bytes]:
+    """A world's files under names of their own."""
+    path = world_file(path)
+    text = json.loads(path.read_text(encoding="utf-8"))
+    files = {}
+    if text["model"] not in SHIPPED:
+        files[MODEL] = (path.parent / text["model"]).read_bytes()
+        text["model"] = MODEL
+    if text.get("grounding"):
+        for name in GROUNDING:
+            file = path.parent / text["grounding"] / name
+            files[f"{LEARNED}/{name}"] = file.read_bytes()
+        text["grounding"] = LEARNED
+    return files | {WORLD: json.dumps(text).encode()}
+
+
+def _unpack(files: dict[str, bytes], folder: Path) -> None:
+    """Write a world's files; others are not asked for, wherever they would go."""
+    for name in (WORLD, MODEL, *(f"{LEARNED}/{part}" for part in GROUNDING)):
+        if name in files:
+            file = folder / name
+            file.parent.mkdir(exist_ok=True)
+            file.write_bytes(files[name])

@@ -1,0 +1,157 @@
+"""The hosts of a search, as its leader sees them."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import threading
+import time
+from collections.abc import Callable
+from multiprocessing import AuthenticationError
+from multiprocessing.connection import Connection, Listener
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gatjax.hosts import wire
+from gatjax.hosts.wire import LOST, Order, Task
+
+Array = Any
+Run = Callable[[Array, Array], Array]
+"""(policies [N, 15], words of the keys [R, 2]) -> costs [N, R]."""
+
+HANDSHAKE = 60.0  # s that a host has to look at the task and say whether it can do it
+FAREWELL = 5.0  # s for a host that is being let in when the search ends
+
+
+class Host(NamedTuple):
+    """One that joined."""
+
+    name: str
+    link: Connection
+
+
+class Crew:
+    """Hosts that joined; others may join while the search runs."""
+
+    def __init__(self, port: int, task: Task, say: Callable[[str], None]) -> None:
+        """Begin to listen.
+
+        Args:
+            port: to listen at on all addresses of this host; 0 for any free one.
+            task: what those who join are told.
+            say: shows a line to the user.
+
+        Raises:
+            ValueError: one line: the port can not be had.
+        """
+        try:
+            self._door = Listener(("", port), "AF_INET", authkey=wire.secret())
+        except OSError as error:
+            raise ValueError(f"port {port}: {error}; choose another --listen") from None
+        self.port = self._door.address[1]
+        self._task, self._say, self._open = task, say, True
+        self._hosts: list[Host] = []
+        self._waiting: list[Host] = []
+        self._lock = threading.Lock()
+        self._porter = threading.Thread(target=self._welcome, daemon=True)
+        self._porter.start()
+
+    def wait(self, count: int, seconds: float) -> None:
+        """Wait until so many hosts beside the leader have joined, or time is up."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            with self._lock:
+                if len(self._hosts) + len(self._waiting) >= count:
+                    return
+            time.sleep(0.05)
+
+    def evaluate(self, run: Run, policies: Array, keys: Array) -> np.ndarray:
+        """Costs [N, R] of policies [N, 15] with keys [R, 2], on all hosts.
+
+        What a host that is lost had to do is done by the leader.
+
+        Args:
+            run: the same on the leader alone.
+            policies: of a generation.
+            keys: words of the rollouts' keys.
+        """
+        with self._lock:
+            self._hosts += self._waiting
+            self._waiting.clear()
+        shares = np.array_split(np.arange(len(policies)), len(self._hosts) + 1)
+        asked = list(zip(list(self._hosts), shares[1:], strict=True))
+        for host, rows in asked:
+            self._ask(host, Order(policies[rows], keys))
+        own = np.asarray(run(policies[shares[0]], keys))
+        costs = np.empty((len(policies), own.shape[1]), own.dtype)
+        costs[shares[0]] = own
+        for host, rows in asked:
+            found = self._answer(host, (len(rows), own.shape[1]))
+            costs[rows] = run(policies[rows], keys) if found is None else found
+        return costs
+
+    def close(self) -> None:
+        """Send everybody home."""
+        self._open = False
+        with contextlib.suppress(OSError):  # somebody at the door, so that it is shut
+            socket.create_connection(("127.0.0.1", self.port), 1.0).close()
+        self._porter.join(FAREWELL)
+        self._door.close()
+        for host in [*self._hosts, *self._waiting]:
+            with contextlib.suppress(*LOST):
+                wire.send(host.link, end=True)
+            host.link.close()
+
+    def _welcome(self) -> None:
+        """Let hosts in, one after the other, as long as the door is open."""
+        while self._open:
+            try:
+                link = self._door.accept()
+                wire.heed(link)
+                self._introduce(link)
+            except AuthenticationError:
+                self._say("a host was sent away: it has another GATJAX_SECRET")
+            except LOST:
+                continue
+            except Exception as error:  # of what a stranger sent
+                self._say(f"a host was sent away: {error}")
+
+    def _introduce(self, link: Connection) -> None:
+        """Tell a host the task, and hear whether it can do it."""
+        wire.send_task(link, self._task)
+        if not link.poll(HANDSHAKE):
+            link.close()
+            return
+        answer = wire.receive(link)
+        name, refusal = str(answer["name"]), str(answer["refusal"])
+        if refusal:
+            self._say(f"{name} was sent away: {refusal}")
+            link.close()
+            return
+        with self._lock:
+            self._waiting.append(Host(name, link))
+        self._say(f"{name} joined")
+
+    def _ask(self, host: Host, order: Order) -> None:
+        """Send an order; whether it arrived shows with the answer."""
+        try:
+            wire.send(host.link, **order._asdict())
+        except LOST:
+            return
+
+    def _answer(self, host: Host, shape: tuple[int, int]) -> np.ndarray | None:
+        """Costs that a host sends; None if it is lost, which it then is for good."""
+        try:
+            costs = wire.receive(host.link)["costs"]
+            if costs.shape == shape:
+                return costs
+            why = f"it sent costs {costs.shape} instead of {shape}"
+        except LOST:
+            why = "it died or can not be reached"
+        except KeyError:
+            why = "it sent no costs"
+        self._say(f"{host.name} is lost ({why}); its policies are run here")
+        self._hosts.remove(host)
+        host.link.close()
+        return None

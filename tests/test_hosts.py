@@ -1,0 +1,211 @@
+"""A search on several hosts: the same numbers, whoever comes, goes or dies."""
+
+import contextlib
+import re
+import signal
+import socket
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+
+from gatjax.cli import main
+from gatjax.cli.arguments import Work
+from gatjax.cli.sharing import prepared
+from gatjax.hosts import Crew, Task, address_of, serve
+
+TASK = Task({"any": 1}, {"world.json": b"{}"})
+POLICIES = np.arange(105.0).reshape(7, 15)
+KEYS = np.arange(6, dtype=np.uint32).reshape(3, 2)
+
+
+def costs(policies, keys):
+    """[N, R] of [N, 15] and [R, 2]."""
+    return policies[:, :1] + keys[:, 0]
+
+
+@contextlib.contextmanager
+def crew_of(*runs, expected=None):
+    """A crew with a host a run, and all that was said."""
+    said, results = [], []
+    crew = Crew(0, TASK, said.append)
+
+    def host(run):
+        def prepare(task):
+            assert task == TASK
+            return run
+
+        with contextlib.suppress(ValueError):  # nobody leads any more
+            results.append(serve(("localhost", crew.port), prepare, 1.0, said.append))
+
+    threads = [threading.Thread(target=host, args=(run,), daemon=True) for run in runs]
+    for thread in threads:
+        thread.start()
+    crew.wait(len(runs) if expected is None else expected, 20.0)
+    try:
+        yield crew, said, results
+    finally:
+        crew.close()
+        for thread in threads:
+            thread.join(20.0)
+
+
+def test_hosts_share_the_policies_of_a_generation():
+    shares = {"a": [], "b": []}
+
+    def noted(name):
+        def run(policies, keys):
+            shares[name].append(len(policies))
+            return costs(policies, keys)
+
+        return run
+
+    with crew_of(noted("a"), noted("b")) as (crew, said, results):
+        for _ in range(2):
+            found = crew.evaluate(costs, POLICIES, KEYS)
+            np.testing.assert_array_equal(found, costs(POLICIES, KEYS))
+    assert shares == {"a": [2, 2], "b": [2, 2]}  # and three for the leader
+    assert results == [2, 2]
+    assert sum("joined" in line for line in said) == 2
+
+
+def test_more_hosts_than_policies_have_nothing_to_do():
+    with crew_of(costs, costs) as (crew, _, _):
+        found = crew.evaluate(costs, POLICIES[:1], KEYS)
+    np.testing.assert_array_equal(found, costs(POLICIES[:1], KEYS))
+
+
+def test_what_is_no_answer_is_run_again():
+    with crew_of(lambda policies, keys: np.zeros((1, 1))) as (crew, said, _):
+        found = crew.evaluate(costs, POLICIES, KEYS)
+        np.testing.assert_array_equal(found, costs(POLICIES, KEYS))
+        assert any("lost (it sent costs (1, 1)" in line for line in said)
+        found = crew.evaluate(costs, POLICIES, KEYS)
+        np.testing.assert_array_equal(found, costs(POLICIES, KEYS))
+
+
+def test_who_cannot_do_the_task_is_sent_away_with_a_reason():
+    said = []
+    crew = Crew(0, TASK, said.append)
+
+    def unable(task):
+        raise ValueError("no such engine here")
+
+    with pytest.raises(ValueError, match="no such engine"):
+        serve(("localhost", crew.port), unable, 5.0, said.append)
+    crew.wait(1, 1.0)
+    np.testing.assert_array_equal(
+        crew.evaluate(costs, POLICIES, KEYS), costs(POLICIES, KEYS)
+    )
+    crew.close()
+    assert "sent away: no such engine here" in said[0]
+
+
+def test_strangers_do_no_harm(monkeypatch):
+    said = []
+    crew = Crew(0, TASK, said.append)
+    with socket.create_connection(("localhost", crew.port)) as stranger:
+        stranger.sendall(b"GET / HTTP/1.0\r\n\r\n")
+    with monkeypatch.context() as other:
+        other.setattr("gatjax.hosts.work.wire.secret", lambda: b"else")
+        with pytest.raises(ValueError, match="another GATJAX_SECRET"):
+            serve(("localhost", crew.port), lambda task: costs, 1.0, said.append)
+    crew.close()
+    assert any("another GATJAX_SECRET" in line for line in said)
+
+
+def test_a_port_that_is_taken_is_said():
+    first = Crew(0, TASK, print)
+    with pytest.raises(ValueError, match=r"choose another --listen"):
+        Crew(first.port, TASK, print)
+    first.close()
+
+
+@pytest.mark.parametrize("text", ["node0", "node0:", ":5123", "node0:x", "node0:70000"])
+def test_an_address_has_a_host_and_a_port(text, capsys):
+    with pytest.raises(ValueError, match="no HOST:PORT"):
+        address_of(text)
+    assert main(["work", "--leader", text]) != 0
+    assert "no HOST:PORT" in capsys.readouterr().err
+
+
+def test_nobody_leads(capsys):
+    with socket.create_server(("localhost", 0)) as free:
+        port = free.getsockname()[1]
+    assert main(["work", "--leader", f"localhost:{port}", "--patience", "0"]) != 0
+    assert f"--listen {port} there" in capsys.readouterr().err
+
+
+def test_hosts_have_the_same_versions():
+    task = Task({"versions": {"gatjax": "0.0", "mujoco": "1.0"}}, {})
+    with pytest.raises(ValueError, match=r"the leader has .*1\.0"):
+        prepared(task, Work(leader="a:1"))
+
+
+@pytest.mark.parametrize(
+    ("flags", "said"),
+    [
+        (["--hosts", "2"], "--listen PORT"),
+        (["--listen", "0", "--hosts", "12", "--population", "12"], "nothing to do"),
+        (["--listen", "70000"], "65535"),
+    ],
+)
+def test_flags_that_do_not_fit(flags, said, tmp_path, capsys):
+    assert main(["search", "--out", str(tmp_path / "out"), *flags]) != 0
+    assert said in capsys.readouterr().err
+
+
+# Real processes: they walk, and they are killed
+
+MAIN = "import sys; from gatjax.cli import main; sys.exit(main())"
+SEARCH = ["--population", "6", "--rollouts", "2", "--generations", "3", "--seed", "3"]
+
+
+def heard(process, pattern):
+    """Read what a process says until a line matches."""
+    for line in process.stderr:
+        found = re.search(pattern, line)
+        if found:
+            return found
+    raise AssertionError(f"{pattern!r} was not said")
+
+
+def found_by(folder):
+    """Costs of a search, generation by generation."""
+    rows = (folder / "metrics.csv").read_text().splitlines()
+    return [line.rsplit(",", 1)[0] for line in rows]
+
+
+def test_a_search_survives_the_death_of_a_host_and_of_its_leader(tmp_path):
+    alone, led = tmp_path / "alone", tmp_path / "led"
+    with socket.create_server(("localhost", 0)) as free:
+        port = str(free.getsockname()[1])
+    leads = ["search", "--out", str(led), "--listen", port, *SEARCH, "--hosts"]
+    works = ["work", "--leader", f"localhost:{port}", "--patience", "60"]
+    with contextlib.ExitStack() as stack:
+
+        def begun(*words):
+            process = stack.enter_context(
+                subprocess.Popen(
+                    [sys.executable, "-c", MAIN, *words],
+                    stderr=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    text=True,
+                )
+            )
+            stack.callback(process.kill)
+            return process
+
+        assert begun("search", "--out", str(alone), *SEARCH).wait(240) == 0
+        leader, dying, staying = begun(*leads, "2"), begun(*works), begun(*works)
+        heard(leader, "generation 1 of 3")
+        dying.send_signal(signal.SIGKILL)
+        heard(leader, r"is lost .*run here")
+        leader.send_signal(signal.SIGKILL)
+        heard(staying, "is gone; waiting")
+        assert begun(*leads, "1").wait(240) == 0
+        assert staying.wait(60) == 0
+        assert "is done; this host had a share in" in staying.stdout.read()
+    assert found_by(led) == found_by(alone)
