@@ -5,8 +5,13 @@ import os
 import subprocess
 import sys
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
+
+from gatjax.loop.memory import frugal
+from gatjax.sim.spread import in_turns
 
 PROGRAM = """
 import json, sys
@@ -73,3 +78,53 @@ def test_a_search_finds_the_same_on_four_devices():
     np.testing.assert_allclose(many["costs"], alone["costs"], atol=1e-5)
     np.testing.assert_allclose(many["mean"], alone["mean"], rtol=1e-3, atol=1e-5)
     assert np.ptp(many["costs"]) > 1e-3
+
+
+@pytest.mark.parametrize("turns", [1, 2, 4, 7])
+def test_robots_run_in_turns(turns):
+    sizes = []
+
+    def outcome(values, policies, keys):
+        sizes.append(len(policies))
+        return policies * values, keys + 1
+
+    policies, keys = np.arange(21.0).reshape(7, 3), np.arange(7)
+    found = jax.jit(in_turns(outcome, turns))(2.0, jnp.array(policies), jnp.array(keys))
+    np.testing.assert_array_equal(found[0], 2.0 * policies)
+    np.testing.assert_array_equal(found[1], keys + 1)
+    assert sizes == [-(-7 // turns)]
+
+
+def generation_that_fits(most, robots, message):
+    """Build generations whose device takes `most` robots at a time."""
+
+    def build(turns):
+        def step(state, values, number):
+            if -(-robots // turns) > most:
+                raise jax.errors.JaxRuntimeError(message)
+            return state, jnp.asarray(turns)
+
+        return step
+
+    return build
+
+
+def test_a_search_that_does_not_fit_goes_on_in_turns():
+    said = []
+    message = "RESOURCE_EXHAUSTED: Out of memory while trying to allocate 9 bytes."
+    step = frugal(generation_that_fits(30, 100, message), 100, said.append)
+    assert step(0, None, 0)[1] == 4
+    assert step(0, None, 1)[1] == 4
+    assert [line.split(" robots")[0][-2:] for line in said] == ["50", "25"]
+    assert all("out of device memory" in line for line in said)
+
+
+@pytest.mark.parametrize(
+    ("message", "tried"), [("RESOURCE_EXHAUSTED: x", 3), ("INTERNAL: y", 0)]
+)
+def test_what_turns_do_not_help_is_an_error(message, tried):
+    said = []
+    step = frugal(generation_that_fits(0, 5, message), 5, said.append)
+    with pytest.raises(jax.errors.JaxRuntimeError, match=message):
+        step(0, None, 0)
+    assert len(said) == tried  # two, four, five turns

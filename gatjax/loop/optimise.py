@@ -11,6 +11,7 @@ import jax
 import numpy as np
 
 from gatjax import checkpoints, runs, search
+from gatjax.loop.memory import frugal
 from gatjax.loop.setting import SIMULATOR_UNIT
 from gatjax.records import Array
 from gatjax.runs import Progress
@@ -95,7 +96,7 @@ def optimise(
     progress.work(SIMULATOR_UNIT * runs_each * first)
     if first < settings.search.generations:
         world = searched(settings, job.world)
-        step = generation(settings, world, space, share)
+        step = generation(settings, world, space, share, progress.stage)
         for number in range(first, settings.search.generations):
             total = settings.search.generations
             progress.stage(f"{job.method}: generation {number + 1} of {total}")
@@ -115,13 +116,25 @@ def searched(settings: LoopSettings, world: World) -> World:
 
 
 def generation(
-    settings: LoopSettings, world: World, space: search.Space, share: Share = unshared
+    settings: LoopSettings,
+    world: World,
+    space: search.Space,
+    share: Share = unshared,
+    say: Callable[[str], None] = print,
 ) -> search.Generation:
-    """Return one generation: a single compiled call on mjx, on one host."""
-    backend = prepare(world, settings.backend, settings.impl)
-    if backend.compiled and share is unshared:
-        return jax.jit(search.generation(space, settings.search, costs(backend)))
-    return search.host_generation(space, settings.search, share(costs(backend)))
+    """Return one generation: a single compiled call on mjx, on one host.
+
+    Where it does not fit into the device's memory it takes several turns, and says so.
+    """
+    wanted = settings.search
+
+    def build(turns: int) -> search.Generation:
+        backend = prepare(world, settings.backend, settings.impl, turns)
+        if backend.compiled and share is unshared:
+            return jax.jit(search.generation(space, wanted, costs(backend)))
+        return search.host_generation(space, wanted, share(costs(backend)))
+
+    return frugal(build, wanted.population * wanted.rollouts, say)
 
 
 def write_candidates(

@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from gatjax.records import Outcome, Trajectory
-from gatjax.sim.spread import over_devices
+from gatjax.sim.spread import in_turns, over_devices
 from gatjax.sim.world import World
 
 Array = Any
@@ -27,13 +27,16 @@ class Backend(NamedTuple):
     compiled: bool  # True if outcome may be traced into a larger compiled function
 
 
-def prepare(world: World, backend: str = "native", impl: str = "jax") -> Backend:
+def prepare(
+    world: World, backend: str = "native", impl: str = "jax", turns: int = 1
+) -> Backend:
     """Return a world's runs on a backend.
 
     Args:
         world: what to simulate.
         backend: "native" (CPU threads) or "mjx" (one compiled call).
         impl: "jax" or "warp", for mjx.
+        turns: in how many of them robots run on mjx; more take less memory.
     """
     if backend == "native":
         from gatjax.sim.native import Native
@@ -44,6 +47,7 @@ def prepare(world: World, backend: str = "native", impl: str = "jax") -> Backend
         from gatjax.sim import mjx
 
         outcome = jax.vmap(mjx.outcome(world, impl), in_axes=(None, 0, 0))
+        outcome = in_turns(outcome, turns)
         if len(jax.local_devices()) > 1:
             outcome = over_devices(outcome, jax.local_devices())
         rollout = jax.jit(jax.vmap(mjx.rollout(world, impl), in_axes=(None, 0, 0)))
