@@ -15,6 +15,8 @@ Compiling for mjx takes 40 s. This file compiles two programs, and tests whateve
 by other values in the first of them; test_loop_mjx compiles a world without causes.
 """
 
+import threading
+
 import jax
 import mujoco
 import numpy as np
@@ -266,9 +268,10 @@ def test_shares_of_robots_run_as_all_together(causes, policies, keys):
 
 
 def test_a_share_that_fails_stops_the_others():
-    told = []
+    told, begun = [], threading.Barrier(3, timeout=20.0)
 
     def run(rows, stopped):
+        begun.wait()
         if 0 in rows:
             raise ValueError("the first share")
         told.append(stopped.wait(20.0))
