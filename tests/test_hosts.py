@@ -71,6 +71,22 @@ def test_hosts_share_the_policies_of_a_generation():
     assert sum("joined" in line for line in said) == 2
 
 
+def test_hosts_wait_for_a_search_that_is_not_done():
+    with crew_of(costs) as (crew, said, results):
+        crew.evaluate(costs, POLICIES, KEYS)
+        crew.close(done=False)
+    assert results == []
+    assert "is gone; waiting 1 s" in said[-1]
+
+
+def test_a_search_begins_without_hosts_that_do_not_come():
+    said = []
+    crew = Crew(0, TASK, said.append)
+    crew.wait(2, 0.1)
+    crew.close()
+    assert said == ["begins with 0 of 2 hosts; others may still join"]
+
+
 def test_more_hosts_than_policies_have_nothing_to_do():
     with crew_of(costs, costs) as (crew, _, _):
         found = crew.evaluate(costs, POLICIES[:1], KEYS)

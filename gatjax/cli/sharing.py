@@ -59,11 +59,13 @@ def opened(verb: Search) -> Iterator[Share]:
         )
     crew = Crew(verb.listen, _told(verb), say)
     say(f"listens: gatjax work --leader {platform.node()}:{crew.port}")
+    done = False
     try:
         crew.wait(verb.hosts, WAIT)
         yield _shared(crew)
+        done = True
     finally:
-        crew.close()
+        crew.close(done)
 
 
 def _told(verb: Search) -> Task:

@@ -59,12 +59,14 @@ class Crew:
 
     def wait(self, count: int, seconds: float) -> None:
         """Wait until so many hosts beside the leader have joined, or time is up."""
-        end = time.monotonic() + seconds
+        end, there = time.monotonic() + seconds, 0
         while time.monotonic() < end:
             with self._lock:
-                if len(self._hosts) + len(self._waiting) >= count:
-                    return
+                there = len(self._hosts) + len(self._waiting)
+            if there >= count:
+                return
             time.sleep(0.05)
+        self._say(f"begins with {there} of {count} hosts; others may still join")
 
     def evaluate(self, run: Run, policies: Array, keys: Array) -> np.ndarray:
         """Costs [N, R] of policies [N, 15] with keys [R, 2], on all hosts.
@@ -91,17 +93,17 @@ class Crew:
             costs[rows] = run(policies[rows], keys) if found is None else found
         return costs
 
-    def close(self) -> None:
-        """Send everybody home."""
+    def close(self, done: bool = True) -> None:
+        """Send everybody home; a search that is not done may go on, and they wait."""
         self._open = False
         with contextlib.suppress(OSError):  # somebody at the door, so that it is shut
             socket.create_connection(("127.0.0.1", self.port), 1.0).close()
         self._porter.join(FAREWELL)
         self._door.close()
         for host in [*self._hosts, *self._waiting]:
-            with contextlib.suppress(*LOST):
-                wire.send(host.link, end=True)
-            host.link.close()
+            with contextlib.suppress(*LOST), host.link:
+                if done:
+                    wire.send(host.link, end=True)
 
     def _welcome(self) -> None:
         """Let hosts in, one after the other, as long as the door is open."""
