@@ -128,7 +128,20 @@ def test_command_lines_parse():
     assert len(parsed) > len(VERBS)
 
 
+def leads_somewhere(link: str) -> bool:
+    """Whether a link's file exists and, behind a #, a heading of it."""
+    file, _, place = link.partition("#")
+    if not place or not (ROOT / file).is_file():
+        return (ROOT / file).is_file()
+    text = (ROOT / file).read_text(encoding="utf-8")
+    headings = re.findall(r"^#+ (.+)$", text, flags=re.M)
+    return place in [
+        re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings
+    ]
+
+
 def test_linked_files_exist():
     links = re.findall(r"\]\((?!http)([^)]+)\)", README)
     assert "docs/report.png" in links
-    assert [link for link in links if not (ROOT / link).is_file()] == []
+    assert [link for link in links if not leads_somewhere(link)] == []
+    assert not leads_somewhere("docs/speed.md#no-such-heading")
