@@ -36,7 +36,8 @@ class LoopSettings:
     body_seed: int = 0
     """Which random body (masses, joint offsets, sensor gains) the robot has."""
     methods: tuple[str, ...] = ("none", "envelope", "guided", "gat")
-    """Groundings to compare, in this order: of none, envelope, guided, gat."""
+    """Groundings to compare, in this order: of none, envelope, guided, gat. And oracle:
+    a search on the robot itself, where a stand-in robot can tell what the best is."""
     explain: bool = False
     """Diagnose the robot first, and compare GAT in the simulation extended by that."""
     iterations: int = 1
@@ -47,6 +48,8 @@ class LoopSettings:
     """Runs of the simulator to learn from, each iteration."""
     evaluations: int = 5
     """Runs on the robot for each candidate walk."""
+    candidates: tuple[str, ...] = ("best", "mean")
+    """Which policies of a generation walk on the robot: best, mean, or both."""
     search: tyro.conf.OmitArgPrefixes[SearchSettings] = field(
         default_factory=SearchSettings
     )
@@ -72,7 +75,7 @@ DEMO = LoopSettings(
 )
 """Fits 2 cores in ten minutes."""
 
-PAPER = LoopSettings(evaluations=10)
+PAPER = LoopSettings(evaluations=10, candidates=("best",))
 """The paper's Table 1 on one body: 150 policies x 20 rollouts x 10 generations."""
 
 PRESETS = {"demo": DEMO, "paper": PAPER}

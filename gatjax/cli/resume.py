@@ -25,8 +25,10 @@ def settings_of(config: dict[str, Any], folder: Path) -> LoopSettings:
     """Rebuild loop settings from config.json."""
     try:
         search = SearchSettings(**config["search"])
-        rest = {"methods": tuple(config["methods"]), "search": search}
-        return LoopSettings(**(config | rest))
+        whole: dict[str, Any] = config | {"search": search}
+        for name in ("methods", "candidates"):
+            whole[name] = tuple(config[name])
+        return LoopSettings(**whole)
     except (KeyError, TypeError) as error:
         raise ValueError(
             f"{folder}: config.json is not that of a run of this version ({error})"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -76,7 +76,7 @@ def unshared(evaluate: search.Evaluate) -> search.Evaluate:
 def optimise(
     job: Job, settings: LoopSettings, progress: Progress, share: Share = unshared
 ) -> list[Candidate]:
-    """Search, or go on with a search; return best and mean of every generation.
+    """Search, or go on with a search; return the candidates of every generation.
 
     Args:
         job: what is searched, and where.
@@ -84,29 +84,54 @@ def optimise(
         progress: told of every generation.
         share: makes of what evaluates policies here what evaluates them on all hosts.
     """
+
+    def build(space: search.Space) -> tuple[search.Generation, Any]:
+        world = searched(settings, job.world)
+        return generation(settings, world, space, share, progress.stage), world.values
+
+    candidates = generations(job, settings, progress, build)
+    verify(job, candidates, settings.search.rollouts)
+    return candidates
+
+
+def generations(
+    job: Job,
+    settings: LoopSettings,
+    progress: Progress,
+    build: Callable[[search.Space], tuple[search.Generation, Any]],
+    unit: float = SIMULATOR_UNIT,
+) -> list[Candidate]:
+    """Run the generations that are still to be run, with a checkpoint each.
+
+    Args:
+        job: what is searched, and where.
+        settings: of the run.
+        progress: told of every generation.
+        build: returns one generation and its values; called only if one is left.
+        unit: of work, for one rollout.
+    """
     theta = np.clip(job.theta, LOW, HIGH)
     space = search.Space(theta0=theta, step=STEP, low=LOW, high=HIGH)
     state = search.start(space, settings.search, job.key)
     done = checkpoints.latest(job.checkpoints)
-    first = 0 if done is None else done + 1
+    first, total = 0 if done is None else done + 1, settings.search.generations
     if done is not None:
         state = checkpoints.restore(job.checkpoints, state, done)
-    candidates = read_candidates(job, first)
-    runs_each = settings.search.population * settings.search.rollouts
-    progress.work(SIMULATOR_UNIT * runs_each * first)
-    if first < settings.search.generations:
-        world = searched(settings, job.world)
-        step = generation(settings, world, space, share, progress.stage)
-        for number in range(first, settings.search.generations):
-            total = settings.search.generations
-            progress.stage(f"{job.method}: generation {number + 1} of {total}")
-            begun = time.perf_counter()
-            state, info = step(state, world.values, np.int32(number))
-            info = jax.tree.map(np.asarray, info)
-            candidates += write_candidates(job, number, info, begun)
-            checkpoints.save(job.checkpoints, number, state)
-            progress.work(SIMULATOR_UNIT * runs_each)
-    verify(job, candidates, settings.search.rollouts)
+    candidates = read_candidates(job, first, settings.candidates)
+    work = unit * settings.search.population * settings.search.rollouts
+    progress.work(work * first)
+    if first >= total:
+        return candidates
+    step, values = build(space)
+    for number in range(first, total):
+        progress.stage(f"{job.method}: generation {number + 1} of {total}")
+        begun = time.perf_counter()
+        state, info = step(state, values, np.int32(number))
+        info = jax.tree.map(np.asarray, info)
+        seconds = time.perf_counter() - begun
+        candidates += write_candidates(job, number, info, settings.candidates, seconds)
+        checkpoints.save(job.checkpoints, number, state)
+        progress.work(work)
     return candidates
 
 
@@ -138,29 +163,38 @@ def generation(
 
 
 def write_candidates(
-    job: Job, number: int, info: search.GenerationInfo, begun: float
+    job: Job,
+    number: int,
+    info: search.GenerationInfo,
+    kinds: Sequence[str],
+    seconds: float,
 ) -> list[Candidate]:
     """Write the candidates of one generation."""
-    pair = [
-        Candidate(job.method, job.iteration, number, "best", info.best_policy),
-        Candidate(job.method, job.iteration, number, "mean", info.mean_policy),
+    found = {"best": info.best_policy, "mean": info.mean_policy}
+    candidates = [
+        Candidate(job.method, job.iteration, number, kind, found[kind])
+        for kind in kinds
     ]
-    for candidate in pair:
+    for candidate in candidates:
         runs.write_policy(
             job.folder / "policies", candidate.name, candidate.policy, candidate.key
         )
-    facts = {"sigma": float(info.sigma), "seconds": time.perf_counter() - begun}
-    rows = [candidate.key | facts for candidate in pair]
-    rows[0]["simulator_cost"] = float(info.best_cost)
+    facts = {"sigma": float(info.sigma), "seconds": seconds}
+    rows = [candidate.key | facts for candidate in candidates]
+    for row in rows:
+        if row["candidate"] == "best":
+            row["simulator_cost"] = float(info.best_cost)
     runs.add_rows(job.folder / "metrics.csv", rows)
-    return pair
+    return candidates
 
 
-def read_candidates(job: Job, generations: int) -> list[Candidate]:
+def read_candidates(
+    job: Job, generations: int, kinds: Sequence[str]
+) -> list[Candidate]:
     """Read the candidates of generations that are done already."""
     candidates = []
     for number in range(generations):
-        for kind in ("best", "mean"):
+        for kind in kinds:
             empty = Candidate(job.method, job.iteration, number, kind, THETA0)
             path = job.folder / "policies" / f"{empty.name}.json"
             candidates.append(empty._replace(policy=runs.read_policy(path)))

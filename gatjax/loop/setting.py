@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import jax
 import numpy as np
 
-from gatjax.grounding.learn import check_method
+from gatjax.grounding.learn import METHODS
 from gatjax.records import Array, Outcome, Trajectory
 from gatjax.runs import Progress
 from gatjax.search import checked
@@ -20,6 +20,8 @@ from gatjax.sim.world import World
 from gatjax.task import Task, task_at
 
 MODELS = ("light", "full")  # that a search may run on
+KINDS = ("best", "mean")  # of candidates
+ORACLE = "oracle"  # the search on the robot itself, among the methods
 CONFIRMATIONS = 10  # walks on the robot that the winner of a method is judged by
 SIMULATOR_UNIT, ROBOT_UNIT = 1.0, 12.0  # relative cost of one run, for the time left
 DIAGNOSIS_UNIT = 3000.0  # of a diagnosis
@@ -72,13 +74,19 @@ def total_work(settings: LoopSettings) -> float:
     """Work units of a whole run, for the time left."""
     one = settings.search
     searched = one.population * one.rollouts * one.generations
-    evaluated = 2 * one.generations * settings.evaluations
+    evaluated = len(settings.candidates) * one.generations * settings.evaluations
     methods, rounds = len(settings.methods) + settings.explain, settings.iterations
+    ceiling = ORACLE in settings.methods
     collected = settings.robot_trajectories * (1 + (rounds - 1) * methods)
     judged = CONFIRMATIONS * (methods * rounds + 1)
     robot = collected + methods * rounds * evaluated + judged
     explained = DIAGNOSIS_UNIT * settings.explain
-    return SIMULATOR_UNIT * methods * rounds * searched + ROBOT_UNIT * robot + explained
+    units = (
+        rounds
+        * searched
+        * (SIMULATOR_UNIT * methods + (ROBOT_UNIT - SIMULATOR_UNIT) * ceiling)
+    )
+    return units + ROBOT_UNIT * robot + explained
 
 
 def resolved(settings: LoopSettings) -> LoopSettings:
@@ -87,12 +95,17 @@ def resolved(settings: LoopSettings) -> LoopSettings:
     Raises:
         ValueError: one line with the setting that is wrong and what it may be.
     """
-    if not settings.methods:
-        raise ValueError("no methods given; name at least one, for example: none gat")
-    for method in settings.methods:
-        check_method(method)
-    if len(set(settings.methods)) != len(settings.methods):
-        raise ValueError(f"methods {settings.methods} name one twice; name each once")
+    for name, known in (("methods", (*METHODS, ORACLE)), ("candidates", KINDS)):
+        given = getattr(settings, name)
+        if not given:
+            raise ValueError(f"no {name} given; name at least one: {' '.join(known)}")
+        for each in given:
+            if each not in known:
+                raise ValueError(
+                    f"{name[:-1]} {each!r} is unknown; choose from {list(known)}"
+                )
+        if len(set(given)) != len(given):
+            raise ValueError(f"{name} {given} name one twice; name each once")
     for name in ("iterations", "evaluations"):
         if getattr(settings, name) < 1:
             raise ValueError(f"{name} is {getattr(settings, name)}; use 1 or more")

@@ -16,8 +16,9 @@ from gatjax.loop.evaluate import confirm, evaluate, show, winner
 from gatjax.loop.explain import explained
 from gatjax.loop.ground import ground
 from gatjax.loop.optimise import Candidate, Job, optimise
+from gatjax.loop.oracle import oracle
 from gatjax.loop.robots import Simulator
-from gatjax.loop.setting import Entry, Robot, Setting
+from gatjax.loop.setting import ORACLE, Entry, Robot, Setting
 from gatjax.records import Array
 from gatjax.runs import Progress
 from gatjax.settings import LoopSettings
@@ -71,6 +72,8 @@ def name_robot(folder: Path, robot: Robot) -> None:
 def improve(setting: Setting, entry: Entry, iteration: int, theta: Array) -> Array:
     """One iteration of one entry; return the best walk on the robot, or `theta`."""
     plain = entry.world is setting.world
+    if entry.name == ORACLE:
+        return judged(setting, oracle(setting, iteration, theta), theta)
     owner = "" if iteration == 0 else f"_{entry.name}"  # theta0 is everybody's
     robot_log = collect(setting, setting.robot, f"robot_{iteration}{owner}", theta)
     owner = owner if plain else f"_{entry.name}"  # an extended world walks for itself
@@ -87,6 +90,11 @@ def improve(setting: Setting, entry: Entry, iteration: int, theta: Array) -> Arr
         check_key=setting.key(4, iteration),
     )
     candidates = optimise(job, setting.settings, setting.progress)
+    return judged(setting, candidates, theta)
+
+
+def judged(setting: Setting, candidates: list[Candidate], theta: Array) -> Array:
+    """Walk candidates on the robot; return the best walk, or `theta`."""
     evaluate(setting, candidates)
     found = winner(setting, candidates)
     if found is None:

@@ -22,6 +22,7 @@ LABELS = {
     "guided": "guided",
     "gat": "GAT",
     "explained": "GAT after diagnosis",
+    "oracle": "search on the robot",
     THETA0: "theta0",
 }
 UNGROUNDED = "none"

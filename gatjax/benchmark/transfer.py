@@ -1,0 +1,230 @@
+"""Trials of the loop as the paper's Table 1 counts them, with intervals and tests.
+
+Hanna & Stone 2017, Table 1: per method the best improvement over theta0 that any policy
+found after the first update shows on the robot, the trials without any, and the
+generation that the best one is of. A policy counts only if it never fell there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import stats
+
+from gatjax.benchmark.tables import table
+from gatjax.report.intervals import Interval, share_interval
+from gatjax.report.tables import PAPER
+from gatjax.runs import read_json, read_table
+
+DRAWS = 10_000  # of the bootstrap
+CHOSEN = "chosen"  # kind of the winner, walked again with fresh seeds
+COLUMNS = (
+    "method", "trials", "gain %", "failures", "best gen.", "paper's",
+    "gain %, failed 0", "stood", "winners afresh %", "falls %",
+)  # fmt: skip
+TESTS = ("paired", "trials", "gain %", "p", "fails less to more often", "p")
+
+
+class Found(NamedTuple):
+    """What one method found in one trial."""
+
+    gain: float | None  # % over theta0, its fastest policy that never fell; None: none
+    generation: int | None  # of that policy
+    confirmed: float | None  # % over theta0 of that policy on fresh walks
+    confirmed_falls: int | None  # in those walks
+    falls: int  # of all candidates after the first generation
+    walks: int
+
+    @property
+    def failed(self) -> bool:
+        """Whether there is no stable improvement."""
+        return self.gain is None or self.gain <= 0.0
+
+    @property
+    def useful(self) -> float:
+        """Gain in %, nothing for a trial that failed: theta0 stays then."""
+        return 0.0 if self.gain is None or self.failed else self.gain
+
+
+def trial_of(run: Path, iteration: int = 0) -> dict[str, Found]:
+    """What every method of a finished run found in one iteration.
+
+    Raises:
+        ValueError: the run has not got that far.
+    """
+    rows = read_table(run / "metrics.csv")
+    theta0 = [row for row in rows if row["method"] == "theta0"]
+    if not theta0:
+        raise ValueError(f"{run}: theta0 has not walked yet; let the run go on")
+    base = theta0[0]["robot_velocity_m_s"]
+    found: dict[str, Found] = {}
+    for method in dict.fromkeys(row["method"] for row in rows):
+        mine = [r for r in rows if (r["method"], r["iteration"]) == (method, iteration)]
+        tried = [r for r in mine if r["candidate"] != CHOSEN and r["generation"] > 0]
+        if method == "theta0" or not tried:
+            continue
+        if any(row["robot_falls"] is None for row in tried):
+            raise ValueError(f"{run}: {method} has not walked on the robot yet")
+        found[method] = _found(tried, [r for r in mine if r["candidate"] == CHOSEN],
+                               base)  # fmt: skip
+    return found
+
+
+def _found(tried: Sequence[dict], chosen: Sequence[dict], base: float) -> Found:
+    """One method from its candidates and its winner's fresh walks."""
+
+    def gain(row: dict[str, Any]) -> float:
+        return 100.0 * (row["robot_velocity_m_s"] / base - 1.0)
+
+    stable = [row for row in tried if row["robot_falls"] == 0]
+    best = max(stable, key=gain, default=None)
+    again = chosen[0] if chosen else None
+    return Found(
+        gain=None if best is None else gain(best),
+        generation=None if best is None else best["generation"],
+        confirmed=None if again is None else gain(again),
+        confirmed_falls=None if again is None else again["robot_falls"],
+        falls=sum(row["robot_falls"] for row in tried),
+        walks=sum(row["robot_rollouts"] for row in tried),
+    )
+
+
+class Line(NamedTuple):
+    """One method over all trials."""
+
+    method: str
+    trials: int
+    gain: Interval  # %, mean over the trials that did not fail (the paper's column)
+    useful: Interval  # %, mean over all trials, 0 for one that failed
+    failures: int
+    generation: float  # mean, of the trials that did not fail
+    stood: int  # winners that also stood all their fresh walks and were faster there
+    confirmed: Interval  # %, gain of all winners on fresh walks
+    falls: Interval  # share of all candidates' walks after the first generation
+
+
+def line(method: str, found: Sequence[Found], seed: int = 0) -> Line:
+    """Sum up one method's trials."""
+    good = [each for each in found if not each.failed]
+    again = [each.confirmed for each in found if each.confirmed is not None]
+    return Line(
+        method=method,
+        trials=len(found),
+        gain=mean([each.useful for each in good], seed),
+        useful=mean([each.useful for each in found], seed),
+        failures=len(found) - len(good),
+        generation=mean([e.generation or 0 for e in good], seed).mean,
+        stood=sum(e.confirmed_falls == 0 and (e.confirmed or 0.0) > 0 for e in found),
+        confirmed=mean(again, seed),
+        falls=share_interval(sum(e.falls for e in found), sum(e.walks for e in found)),
+    )
+
+
+def mean(samples: Sequence[float], seed: int = 0) -> Interval:
+    """Mean over trials with a 95 % percentile bootstrap; NaN of no trials."""
+    if not samples:
+        return Interval(float("nan"), -np.inf, np.inf)
+    values = np.asarray(samples, float)
+    if len(values) < 2:
+        return Interval(float(values[0]), -np.inf, np.inf)
+    drawn = np.random.default_rng(seed).choice(values, (DRAWS, len(values)))
+    low, high = np.quantile(drawn.mean(-1), [0.025, 0.975])
+    return Interval(float(values.mean()), float(low), float(high))
+
+
+class Paired(NamedTuple):
+    """One method against another in the same trials."""
+
+    trials: int
+    difference: Interval  # % of theta0's speed: mean of this minus the other
+    p: float  # two-sided; sign flips of the differences, all of them up to 16 trials
+    fewer: int  # trials in which only the other failed
+    more: int  # trials in which only this one failed
+    p_failures: float  # two-sided exact McNemar
+
+
+def paired(these: Sequence[Found], others: Sequence[Found], seed: int = 0) -> Paired:
+    """Compare two methods, trial by trial; a failed trial gains nothing.
+
+    Raises:
+        ValueError: not the same trials.
+    """
+    if len(these) != len(others) or not these:
+        raise ValueError("paired tests need the same trials of both methods")
+    apart = np.array([a.useful - b.useful for a, b in zip(these, others, strict=True)])
+    fewer = sum(b.failed and not a.failed for a, b in zip(these, others, strict=True))
+    more = sum(a.failed and not b.failed for a, b in zip(these, others, strict=True))
+    told = fewer + more
+    p_failures = stats.binomtest(fewer, told).pvalue if told else 1.0
+    return Paired(len(apart), mean(apart.tolist(), seed), _flipped(apart, seed),
+                  fewer, more, float(p_failures))  # fmt: skip
+
+
+def _flipped(apart: np.ndarray, seed: int) -> float:
+    """Two-sided p of a mean difference, were every sign as likely as the other."""
+    if not apart.any():
+        return 1.0
+    result = stats.permutation_test(
+        (apart,), np.mean, permutation_type="samples", n_resamples=2**16,
+        rng=np.random.default_rng(seed),
+    )  # fmt: skip
+    return float(result.pvalue)
+
+
+def read_trials(folder: Path) -> dict[str, dict[int, dict[str, Found]]]:
+    """Results of trials by robot and number: {robot: {trial: {method: Found}}}."""
+    trials: dict[str, dict[int, dict[str, Found]]] = {}
+    for path in sorted(folder.glob("*.json")):
+        text = read_json(path)
+        found = {name: Found(**row) for name, row in text["methods"].items()}
+        trials.setdefault(text["robot"], {})[text["trial"]] = found
+    return trials
+
+
+def document(
+    trials: dict[str, dict[int, dict[str, Found]]], against: str = "gat"
+) -> str:
+    """The table of every robot as markdown, and every method against one of them."""
+    return "\n".join(_section(robot, each, against) for robot, each in trials.items())
+
+
+def _section(robot: str, trials: dict[int, dict[str, Found]], against: str) -> str:
+    """One robot: the paper's columns, more honest ones, and paired tests."""
+    methods = list(dict.fromkeys(name for each in trials.values() for name in each))
+    lines, tests = [], []
+    for method in methods:
+        mine = [each[method] for each in trials.values() if method in each]
+        one = line(method, mine)
+        theirs = PAPER.get(method)
+        beside = (
+            f"{theirs.gain}, {theirs.failed}, {theirs.generation}" if theirs else ""
+        )
+        lines.append((
+            method, f"{one.trials}", _shown(one.gain), f"{one.failures}",
+            f"{one.generation:.1f}", beside, _shown(one.useful), f"{one.stood}",
+            _shown(one.confirmed), _shown(one.falls, 100.0),
+        ))  # fmt: skip
+        both = [each for each in trials.values() if method in each and against in each]
+        if method != against and both:
+            test = paired([e[method] for e in both], [e[against] for e in both])
+            tests.append((
+                f"{method} - {against}", f"{test.trials}", _shown(test.difference),
+                f"{test.p:.3f}", f"{test.fewer} to {test.more}",
+                f"{test.p_failures:.3f}",
+            ))  # fmt: skip
+    parts = [f"## Simulator to {robot}", table(COLUMNS, lines)]
+    parts += [table(TESTS, tests)] if tests else []
+    return "\n\n".join(parts) + "\n"
+
+
+def _shown(interval: Interval, scale: float = 1.0) -> str:
+    """A number with its interval; a dash where there is none."""
+    if not np.isfinite(interval.mean):
+        return "-"
+    text = f"{scale * interval.mean:.1f}"
+    if not interval.known:
+        return text
+    return f"{text} ({scale * interval.low:.1f} to {scale * interval.high:.1f})"
