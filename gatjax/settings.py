@@ -36,8 +36,10 @@ class LoopSettings:
     body_seed: int = 0
     """Which random body (masses, joint offsets, sensor gains) the robot has."""
     methods: tuple[str, ...] = ("none", "envelope", "guided", "gat")
-    """Groundings to compare, in this order: of none, envelope, guided, gat. And oracle:
-    a search on the robot itself, where a stand-in robot can tell what the best is."""
+    """Groundings to compare, in this order: of none, envelope, guided, gat, dagger
+    (GAT whose inverse model is retrained where the grounded simulator goes), sgat (GAT
+    that samples from a stochastic forward model), sensing (GAT and a correction of the
+    gyro). And oracle: a search on the robot itself, the ceiling."""
     explain: bool = False
     """Diagnose the robot first, and compare GAT in the simulation extended by that."""
     iterations: int = 1

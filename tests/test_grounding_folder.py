@@ -9,8 +9,8 @@ import pytest
 
 from gatjax.grounding.envelope import Envelope
 from gatjax.grounding.learn import (
+    METHODS,
     Grounding,
-    _template,
     grounded,
     read_grounding,
     write_grounding,
@@ -32,9 +32,11 @@ def refusal(folder):
     return str(caught.value)
 
 
-@pytest.mark.parametrize("method", ["none", "envelope", "guided", "gat"])
+@pytest.mark.parametrize("method", METHODS)
 def test_the_shapes_of_every_method_come_back(tmp_path, method):
-    write_grounding(tmp_path, Grounding(method, _template(method), {"alpha": 0.5}))
+    write_grounding(
+        tmp_path, Grounding(method, METHODS[method].template(13), {"alpha": 0.5})
+    )
     assert read_grounding(tmp_path).facts == {"alpha": 0.5}
 
 

@@ -8,6 +8,7 @@ from gatjax.data.trajectories import JointRun, to_arrays, to_recording
 from gatjax.effects.effect import chain
 from gatjax.grounding import learn as grounders
 from gatjax.grounding import prediction
+from gatjax.grounding.envelope import Envelope
 from gatjax.grounding.gat import next_angle_of
 from gatjax.grounding.network import predict, train
 from gatjax.grounding.transitions import HISTORY, transitions
@@ -60,14 +61,14 @@ def velocity(world, grounding):
     return float(result.velocity.mean()), int(np.isfinite(result.fell_at).sum())
 
 
-@pytest.mark.parametrize("method", ["none", "envelope", "gat"])
+@pytest.mark.parametrize("method", ["none", "envelope", "gat", "sgat", "sensing"])
 def test_identical_robot_teaches_the_identity(method, world, logs):
     grounding = learn_grounding(world, method, logs["twin"], logs["simulator"], 0)
     plain, _ = velocity(world, grounders.Grounding("none", (), {}))
     speed, falls = velocity(world, grounding)
     assert falls == 0
     assert speed == pytest.approx(plain, abs=0.01)
-    effect = grounders.effect_of(method)
+    effect = grounders.METHODS[method].effect(WALKING)
     run = to_arrays(logs["twin"], JOINTS)[0]
     changes = []
     still = np.zeros(len(JOINTS), np.float32)
@@ -140,7 +141,7 @@ def test_a_grounding_survives_its_folder(method, world, logs, tmp_path):
     again = grounders.read_grounding(tmp_path)
     assert again.method == method
     jax.tree.map(np.testing.assert_array_equal, again.params, grounding.params)
-    chain(grounding=grounders.effect_of(method))
+    chain(grounding=grounders.METHODS[method].effect(WALKING))
 
 
 def test_a_broken_grounding_folder_is_one_line(tmp_path, world, logs):
@@ -169,7 +170,7 @@ def test_alpha_is_the_largest_that_does_not_fall():
 
 
 def _envelope():
-    return grounders.Envelope(np.float32(1.0), np.zeros(len(JOINTS), np.float32))
+    return Envelope(np.float32(1.0), np.zeros(len(JOINTS), np.float32))
 
 
 def test_transitions_line_up_in_time():

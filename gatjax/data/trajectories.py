@@ -96,6 +96,30 @@ def check_logged(recording: Recording, joints: Sequence[str]) -> None:
         )
 
 
+def channels(
+    recording: Recording, names: Sequence[str], ids: np.ndarray | None = None
+) -> list[np.ndarray]:
+    """Other columns [T, C] of each trajectory, ids ascending.
+
+    Args:
+        recording: that has them.
+        names: of the columns, C.
+        ids: of the trajectories; all if left out.
+
+    Raises:
+        ValueError: one line with the columns that are missing.
+    """
+    missing = [name for name in names if name not in recording.columns]
+    if missing:
+        raise ValueError(
+            f"{recording.name}: no column {', '.join(missing)}; log it, or choose a "
+            f"method that does not need it"
+        )
+    values = np.stack([recording.columns[name] for name in names], axis=-1)
+    wanted = np.unique(recording.trajectory) if ids is None else np.sort(ids)
+    return [values[recording.trajectory == run] for run in wanted]
+
+
 def to_arrays(recording: Recording, joints: Sequence[str]) -> list[JointRun]:
     """Cuts a recording into its trajectories, ids ascending, J as in `joints`.
 

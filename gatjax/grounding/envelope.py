@@ -10,9 +10,13 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from gatjax.effects import drive
 from gatjax.effects.effect import Effect
-from gatjax.records import Signal
+from gatjax.grounding.grounder import Experience, Grounder
+from gatjax.records import JOINTS, Signal
+from gatjax.robot.nao import WALKING, WALKING_JOINTS
 
 Array = Any
 
@@ -32,3 +36,20 @@ def envelope_effect() -> Effect:
         return noise.apply(params.alpha * params.deviation, state, signal)
 
     return Effect(init=lambda params, signal: (), apply=apply)
+
+
+def learn(experience: Experience) -> tuple[Envelope, dict[str, Any]]:
+    """Measure how wide the noise of each joint is."""
+    deviation = np.zeros(len(JOINTS), np.float32)
+    deviation[WALKING] = experience.step_error()
+    degrees = np.rad2deg(deviation[WALKING]).tolist()
+    facts = {"deviation_deg": dict(zip(WALKING_JOINTS, degrees, strict=True))}
+    return Envelope(np.float32(1.0), deviation), facts
+
+
+def template(joints: int) -> Envelope:
+    """Parameters that are all zero; those of a NAO, whatever the joints."""
+    return Envelope(np.float32(0.0), np.zeros(len(JOINTS)))
+
+
+ENVELOPE = Grounder(lambda joints: envelope_effect(), learn, template)

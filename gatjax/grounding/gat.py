@@ -1,8 +1,7 @@
-"""Grounded Action Transformation and Guided GSL.
+"""Grounded Action Transformation.
 
 Hanna & Stone 2017, Algorithm 1: g(s, a) = alpha f_sim^-1(s, f(s, a)) + (1 - alpha) a,
-with f the robot's forward model and f_sim^-1 the simulator's inverse model. Guided GSL
-(Farchy et al. 2013) assumes f_sim^-1(s, x') = x'. Both are command effects.
+with f the robot's forward model and f_sim^-1 the simulator's inverse model.
 """
 
 from __future__ import annotations
@@ -16,7 +15,8 @@ import numpy as np
 
 from gatjax.data.trajectories import JointRun
 from gatjax.effects.effect import Effect
-from gatjax.grounding.network import Fit, Network, predict, train
+from gatjax.grounding.grounder import Experience, Grounder
+from gatjax.grounding.network import Fit, Network, blank, predict, train
 from gatjax.grounding.transitions import HISTORY, Transitions, transitions
 from gatjax.records import Signal
 
@@ -29,13 +29,6 @@ class Gat(NamedTuple):
     alpha: Array  # [] 0..1
     forward: Network  # f of the robot
     inverse: Network  # f_sim^-1 of the simulator
-
-
-class Guided(NamedTuple):
-    """Parameters of the Guided GSL effect."""
-
-    alpha: Array  # [] 0..1
-    forward: Network
 
 
 class Memory(NamedTuple):
@@ -79,7 +72,7 @@ def next_angle_of(forward: Network, data: Transitions) -> Array:
     return np.asarray(model(forward, data.angle, data.action))
 
 
-def _split(data: Transitions, share: float, seed: int) -> Array:
+def split(data: Transitions, share: float, seed: int) -> Array:
     """Mark the samples of a share of the runs, at least one and not all."""
     runs = np.unique(data.run)
     if len(runs) < 2:
@@ -94,7 +87,7 @@ def learn_forward(runs: Sequence[JointRun], seed: int) -> tuple[Network, Fit]:
     data = transitions(runs)
     acceleration = data.following - 2.0 * data.angle[:, 0] + data.angle[:, 1]
     inputs = forward_inputs(data.angle, data.action)
-    return train(inputs, acceleration, _split(data, 0.15, seed), seed)
+    return train(inputs, acceleration, split(data, 0.15, seed), seed)
 
 
 def learn_inverse(runs: Sequence[JointRun], seed: int) -> tuple[Network, Fit]:
@@ -102,11 +95,17 @@ def learn_inverse(runs: Sequence[JointRun], seed: int) -> tuple[Network, Fit]:
     data = transitions(runs)
     inputs = inverse_inputs(data.angle, data.action[:, 1:], data.following)
     change = data.action[:, 0] - data.angle[:, 0]
-    return train(inputs, change, _split(data, 0.15, seed), seed)
+    return train(inputs, change, split(data, 0.15, seed), seed)
 
 
-def _effect(joints: Array, transform: Callable) -> Effect:
-    """Build the command effect of `transform(params, memory, angle, target)`."""
+def command_effect(joints: Array, transform: Callable) -> Effect:
+    """Build the command effect of `transform(params, memory, angle, target, noise)`.
+
+    Args:
+        joints: [K] indices of the joints that it corrects.
+        transform: what the simulator is told instead of `target`, all [K] rad; noise is
+            unit normal.
+    """
 
     def init(params: Any, signal: Signal) -> Memory:
         angle, target = signal.angle[joints], signal.target[joints]
@@ -115,7 +114,7 @@ def _effect(joints: Array, transform: Callable) -> Effect:
 
     def apply(params: Any, memory: Memory, signal: Signal) -> tuple[Memory, Signal]:
         angle, target = signal.angle[joints], signal.target[joints]
-        changed = transform(params, memory, angle, target)
+        changed = transform(params, memory, angle, target, signal.noise[joints])
         sent = params.alpha * changed + (1.0 - params.alpha) * target
         memory = Memory(
             jnp.concatenate([angle[None], memory.angle[:-1]]),
@@ -127,27 +126,46 @@ def _effect(joints: Array, transform: Callable) -> Effect:
     return Effect(init, apply)
 
 
-def _expected(forward: Network, memory: Memory, angle: Array, target: Array) -> tuple:
+def expected(
+    forward: Network, memory: Memory, angle: Array, target: Array
+) -> tuple[Array, Array, Array]:
+    """Angles and actions, both [1 + HISTORY, K], and the x_t+1 [K] that f expects."""
     angles = jnp.concatenate([angle[None], memory.angle])
     actions = jnp.concatenate([target[None], memory.asked])
-    return angles, next_angle(forward, angles, actions)
+    return angles, actions, next_angle(forward, angles, actions)
+
+
+def inverse_action(
+    inverse: Network, angles: Array, sent: Array, following: Array
+) -> Array:
+    """Action [K] rad that takes the simulator from x_t..x_t-4 to `following` [K]."""
+    return angles[0] + predict(inverse, inverse_inputs(angles, sent, following))
 
 
 def gat_effect(joints: Array) -> Effect:
     """GAT on the joints with these indices; params: `Gat`."""
 
-    def transform(params: Gat, memory: Memory, angle: Array, target: Array) -> Array:
-        angles, following = _expected(params.forward, memory, angle, target)
-        inputs = inverse_inputs(angles, memory.sent, following)
-        return angle + predict(params.inverse, inputs)
+    def transform(
+        params: Gat, memory: Memory, angle: Array, target: Array, noise: Array
+    ) -> Array:
+        angles, _, following = expected(params.forward, memory, angle, target)
+        return inverse_action(params.inverse, angles, memory.sent, following)
 
-    return _effect(joints, transform)
+    return command_effect(joints, transform)
 
 
-def guided_effect(joints: Array) -> Effect:
-    """Guided GSL on the joints with these indices; params: `Guided`."""
+def learn(experience: Experience) -> tuple[Gat, dict[str, Any]]:
+    """Learn f from the robot and f_sim^-1 from the simulator."""
+    forward, forward_fit = learn_forward(experience.robot, experience.seed)
+    inverse, inverse_fit = learn_inverse(experience.simulator, experience.seed + 1)
+    facts = {"forward": forward_fit._asdict(), "inverse": inverse_fit._asdict()}
+    return Gat(np.float32(1.0), forward, inverse), facts
 
-    def transform(params: Guided, memory: Memory, angle: Array, target: Array) -> Array:
-        return _expected(params.forward, memory, angle, target)[1]
 
-    return _effect(joints, transform)
+def template(joints: int) -> Gat:
+    """Parameters for so many joints that are all zero."""
+    network = blank((2 + 2 * HISTORY) * joints, 2 * joints)
+    return Gat(np.float32(0.0), network, network)
+
+
+GAT = Grounder(effect=gat_effect, learn=learn, template=template)

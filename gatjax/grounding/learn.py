@@ -3,40 +3,47 @@
 from __future__ import annotations
 
 import io
-import itertools
 import json
 import zipfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
-from gatjax.data.trajectories import JointRun
-from gatjax.effects.effect import Effect, memoryless
-from gatjax.grounding.envelope import Envelope, envelope_effect
-from gatjax.grounding.gat import (
-    Gat,
-    Guided,
-    gat_effect,
-    guided_effect,
-    learn_forward,
-    learn_inverse,
-)
-from gatjax.grounding.network import HIDDEN, Network
-from gatjax.grounding.transitions import HISTORY
-from gatjax.records import JOINTS
+from gatjax.effects.effect import memoryless
+from gatjax.grounding.dagger import DAGGER
+from gatjax.grounding.envelope import ENVELOPE
+from gatjax.grounding.gat import GAT
+from gatjax.grounding.grounder import Experience, Grounder
+from gatjax.grounding.guided import GUIDED
+from gatjax.grounding.sensing import SENSING
+from gatjax.grounding.sgat import SGAT
 from gatjax.robot.model import joint_names
-from gatjax.robot.nao import WALKING, WALKING_JOINTS
+from gatjax.robot.nao import WALKING_JOINTS
 from gatjax.runs import read_json, write_whole
 from gatjax.runs.files import as_json
-from gatjax.sim.world import World, add_command, check_rate
+from gatjax.sim.world import World, add_command, add_sensor, check_rate
 
 Array = Any
 
 SCHEMA = "gatjax.grounding/1"
-METHODS = ("none", "envelope", "guided", "gat")
+NONE = Grounder(
+    effect=lambda joints: memoryless(lambda params, signal: signal),
+    learn=lambda experience: ((), {}),
+    template=lambda joints: (),
+)
+METHODS = {
+    "none": NONE,
+    "envelope": ENVELOPE,
+    "guided": GUIDED,
+    "gat": GAT,
+    "dagger": DAGGER,
+    "sgat": SGAT,
+    "sensing": SENSING,
+}
+"""Ways of grounding by name."""
 ALPHAS = (1.0, 0.95, 0.9, 0.85, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1, 0.0)
 
 
@@ -49,56 +56,16 @@ class Grounding(NamedTuple):
     joints: tuple[str, ...] = WALKING_JOINTS  # that it was learned for
 
 
-def effect_of(method: str, joints: Array = WALKING) -> Effect:
-    """Return the command effect of a method on the joints with these indices."""
-    check_method(method)
-    return {
-        "none": memoryless(lambda params, signal: signal),
-        "envelope": envelope_effect(),
-        "guided": guided_effect(joints),
-        "gat": gat_effect(joints),
-    }[method]
-
-
 def check_method(method: str) -> None:
     """Raise if a method does not exist."""
     if method not in METHODS:
         raise ValueError(f"method {method!r} is unknown; choose from {list(METHODS)}")
 
 
-def learn(
-    method: str,
-    robot: Sequence[JointRun],
-    simulator: Sequence[JointRun],
-    step_error: Callable[[], Array],
-    seed: int,
-) -> Grounding:
-    """Learn a grounding from recordings of robot and simulator under the same policy.
-
-    Args:
-        method: one of METHODS.
-        robot: runs of the robot, angles [T, 13] of WALKING_JOINTS.
-        simulator: runs of the simulator.
-        step_error: returns [13] rad, RMS one-step error of the simulator on the
-            robot's runs; called only if the method needs it.
-        seed: of initial weights and splits.
-    """
+def learn(method: str, experience: Experience) -> Grounding:
+    """Learn a grounding by one of METHODS from runs under the same policy."""
     check_method(method)
-    if method == "none":
-        return Grounding(method, (), {})
-    if method == "envelope":
-        deviation = np.zeros(len(JOINTS), np.float32)
-        deviation[WALKING] = step_error()
-        degrees = np.rad2deg(deviation[WALKING]).tolist()
-        facts = {"deviation_deg": dict(zip(WALKING_JOINTS, degrees, strict=True))}
-        return Grounding(method, Envelope(np.float32(1.0), deviation), facts)
-    forward, forward_fit = learn_forward(robot, seed)
-    facts = {"forward": forward_fit._asdict()}
-    if method == "guided":
-        return Grounding(method, Guided(np.float32(1.0), forward), facts)
-    inverse, inverse_fit = learn_inverse(simulator, seed + 1)
-    facts["inverse"] = inverse_fit._asdict()
-    return Grounding(method, Gat(np.float32(1.0), forward, inverse), facts)
+    return Grounding(method, *METHODS[method].learn(experience))
 
 
 def grounded(world: World, grounding: Grounding) -> World:
@@ -118,8 +85,11 @@ def grounded(world: World, grounding: Grounding) -> World:
             f"choose a grounding of this robot"
         )
     joints = np.array([there.index(joint) for joint in grounding.joints])
-    effect = effect_of(grounding.method, joints)
-    return add_command(world, "grounding", effect, grounding.params)
+    way = METHODS[grounding.method]
+    world = add_command(world, "grounding", way.effect(joints), grounding.params)
+    if way.sensor is None:
+        return world
+    return add_sensor(world, "grounding", way.sensor(joints), grounding.params)
 
 
 def with_alpha(grounding: Grounding, alpha: float) -> Grounding:
@@ -148,24 +118,6 @@ def largest_stable_alpha(
     raise ValueError(
         "the walk falls in the simulator even without grounding; check policy and model"
     )
-
-
-def _template(method: str, joints: int = len(WALKING_JOINTS)) -> Any:
-    """Parameters of a method for so many joints that are all zero, in their shapes."""
-    if method == "none":
-        return ()
-    alpha = np.float32(0.0)
-    if method == "envelope":
-        return Envelope(alpha, np.zeros(len(JOINTS)))
-    inputs, outputs = (2 + 2 * HISTORY) * joints, 2 * joints
-    sizes = (inputs, *HIDDEN, outputs)
-    network = Network(
-        np.zeros(inputs), np.zeros(inputs), np.zeros(outputs), np.zeros(outputs),
-        np.zeros((inputs, outputs)),
-        tuple(np.zeros(pair) for pair in itertools.pairwise(sizes)),
-        tuple(np.zeros(size) for size in sizes[1:]),
-    )  # fmt: skip
-    return Gat(alpha, network, network) if method == "gat" else Guided(alpha, network)
 
 
 def write_grounding(folder: Path, grounding: Grounding) -> None:
@@ -208,7 +160,7 @@ def read_grounding(folder: Path) -> Grounding:
         raise ValueError(f"{file}: joints is {joints!r}, need a list of names")
     method = str(text.get("method"))
     check_method(method)
-    template = _template(method, len(joints))
+    template = METHODS[method].template(len(joints))
     params = _filled(template, arrays, f"{folder}/weights.npz")
     facts = {k: v for k, v in text.items() if k not in ("schema", "method", "joints")}
     return Grounding(method, params, facts, tuple(joints))

@@ -1,4 +1,4 @@
-"""The regression models of GAT: linear part plus a 200-180 network, on the circle.
+"""Regression models: linear part plus a 200-180 network, GAT's on the circle.
 
 Paper (GAT Implementation): three layers with 200 and 180 hidden units that regress to
 the sine and cosine of the target, passed through arctan. Ours adds a linear path beside
@@ -8,6 +8,7 @@ the layers, solved in closed form: it carries the model where the data end.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -28,9 +29,9 @@ class Network(NamedTuple):
 
     input_mean: Array  # [I]
     input_scale: Array  # [I]
-    output_mean: Array  # [2 K] of sines, then cosines
-    output_scale: Array  # [2 K]
-    linear: Array  # [I, 2 K]
+    output_mean: Array  # [O]; of angles: of K sines, then K cosines
+    output_scale: Array  # [O]
+    linear: Array  # [I, O]
     weights: tuple[Array, ...]
     biases: tuple[Array, ...]
 
@@ -38,8 +39,8 @@ class Network(NamedTuple):
 class Fit(NamedTuple):
     """How a training went."""
 
-    validation_rmse: float  # rad, on the runs that decided when to stop
-    linear_rmse: float  # rad, of the linear part alone
+    validation_rmse: float  # rad (unit of the output), on runs that decided to stop
+    linear_rmse: float  # of the linear part alone
     epochs: int
 
 
@@ -51,11 +52,37 @@ def _standard(network: Network, inputs: Array) -> Array:
     return z @ network.linear + hidden @ network.weights[-1] + network.biases[-1]
 
 
+def raw(network: Network, inputs: Array) -> Array:
+    """Outputs [O] for inputs [I]."""
+    return _standard(network, inputs) * network.output_scale + network.output_mean
+
+
+def raw_many(network: Network, inputs: Array) -> np.ndarray:
+    """Outputs [S, O] for inputs [S, I]."""
+    return np.asarray(jax.jit(jax.vmap(raw, in_axes=(None, 0)))(network, inputs))
+
+
 def predict(network: Network, inputs: Array) -> Array:
     """Angles [K] rad for inputs [I]."""
-    out = _standard(network, inputs) * network.output_scale + network.output_mean
-    sine, cosine = jnp.split(out, 2, axis=-1)
-    return jnp.arctan2(sine, cosine)
+    return _angle(raw(network, inputs))
+
+
+def _angle(out: Array) -> Array:
+    """Angles [..., K] rad of sines and cosines [..., 2 K]."""
+    xp = np if isinstance(out, np.ndarray) else jnp
+    sine, cosine = xp.split(out, 2, axis=-1)
+    return xp.arctan2(sine, cosine)
+
+
+def blank(inputs: int, outputs: int) -> Network:
+    """A network that is all zero, in its shapes."""
+    sizes = (inputs, *HIDDEN, outputs)
+    return Network(
+        np.zeros(inputs), np.zeros(inputs), np.zeros(outputs), np.zeros(outputs),
+        np.zeros((inputs, outputs)),
+        tuple(np.zeros(pair) for pair in itertools.pairwise(sizes)),
+        tuple(np.zeros(size) for size in sizes[1:]),
+    )  # fmt: skip
 
 
 def _circle(angle: Array) -> Array:
@@ -110,7 +137,7 @@ def _epoch(optimiser: optax.GradientTransformation, fixed: Network):
 def train(
     inputs: Array, angle: Array, held_out: Array, seed: int
 ) -> tuple[Network, Fit]:
-    """Fit a model; the layers stop early on held-out runs.
+    """Fit a model of angles; the layers stop early on held-out runs.
 
     Args:
         inputs: [S, I].
@@ -118,10 +145,29 @@ def train(
         held_out: [S] bool, samples of runs that only decide when to stop.
         seed: of the initial layers and the shuffling.
     """
+    return regress(inputs, _circle(angle), held_out, seed, _angle)
+
+
+def regress(
+    inputs: Array,
+    output: Array,
+    held_out: Array,
+    seed: int,
+    meant: Callable[[Array], Array] = lambda out: out,
+) -> tuple[Network, Fit]:
+    """Fit a model of any numbers.
+
+    Args:
+        inputs: [S, I].
+        output: [S, O], targets.
+        held_out: [S] bool, samples of runs that only decide when to stop.
+        seed: of the initial layers and the shuffling.
+        meant: outputs [S, O] -> the numbers whose errors `Fit` tells.
+    """
     fit, test = ~held_out, held_out
-    network = _start(inputs[fit], _circle(angle[fit]), seed)
+    network = _start(inputs[fit], output[fit], seed)
     network = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.float32), network)
-    target = (_circle(angle) - np.asarray(network.output_mean)) / np.asarray(
+    target = (output - np.asarray(network.output_mean)) / np.asarray(
         network.output_scale
     )
     data = [jnp.asarray(array, jnp.float32) for array in (inputs, target)]
@@ -145,8 +191,7 @@ def train(
     network = network._replace(weights=best[0], biases=best[1])
 
     def rmse(model: Network) -> float:
-        many = jax.jit(jax.vmap(predict, in_axes=(None, 0)))
-        error = np.asarray(many(model, test_x)) - angle[test]
+        error = meant(raw_many(model, test_x)) - meant(output[test])
         return float(np.sqrt(np.mean(error**2)))
 
     return network, Fit(rmse(network), rmse(linear), epoch + 1)

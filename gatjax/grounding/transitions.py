@@ -23,18 +23,25 @@ class Transitions(NamedTuple):
     run: Array  # [S] int, index of the run
 
 
+def windows(samples: Array) -> Array:
+    """Windows [S, 1 + HISTORY, ...] of a run's samples [T, ...], newest entry first.
+
+    One for each transition: the last sample has no following one.
+    """
+    steps = np.arange(HISTORY, len(samples) - 1)
+    return samples[steps[:, None] - np.arange(HISTORY + 1)]
+
+
 def transitions(runs: Sequence[JointRun]) -> Transitions:
     """Cut runs into transitions; a run shorter than the history gives none."""
     angle, action, following, index = [], [], [], []
     for number, run in enumerate(runs):
-        steps = np.arange(HISTORY, len(run.angle) - 1)
-        if len(steps) == 0:
+        if len(run.angle) < HISTORY + 2:
             continue
-        window = steps[:, None] - np.arange(HISTORY + 1)
-        angle.append(run.angle[window])
-        action.append(run.command[window])
-        following.append(run.angle[steps + 1])
-        index.append(np.full(len(steps), number))
+        angle.append(windows(run.angle))
+        action.append(windows(run.command))
+        following.append(run.angle[HISTORY + 1 :])
+        index.append(np.full(len(following[-1]), number))
     if not angle:
         raise ValueError(
             f"no run is longer than {HISTORY + 1} samples; collect longer trajectories"

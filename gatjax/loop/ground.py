@@ -2,42 +2,107 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from gatjax import runs
 from gatjax.data.recording import Recording
-from gatjax.data.trajectories import split_by_trajectory, to_arrays
+from gatjax.data.trajectories import (
+    JointRun,
+    channels,
+    split_by_trajectory,
+    to_arrays,
+)
 from gatjax.grounding import learn as grounders
 from gatjax.grounding import prediction
+from gatjax.grounding.grounder import Experience
 from gatjax.loop.setting import Entry, Setting
-from gatjax.records import Array
-from gatjax.robot.nao import WALKING_JOINTS
+from gatjax.records import Array, Signal
+from gatjax.robot.nao import WALKING, WALKING_JOINTS
 from gatjax.sim.backend import Backend, pairs, prepare
 from gatjax.sim.world import Values, World, write_world
+from gatjax.walk.parameters import THETA0
 
 HELD_OUT = 0.2  # share of the robot's trajectories that only test predictions
+GYRO = ("gyro.x", "gyro.y", "gyro.z")
 WINDOWS = 200  # pieces of 0.5 s that predictions are measured on
 STABILITY_ROLLOUTS = 20
 
 
 def learn_grounding(
-    world: World, method: str, robot: Recording, simulator: Recording, seed: int
+    world: World,
+    method: str,
+    robot: Recording,
+    simulator: Recording,
+    seed: int,
+    theta: Array = THETA0,
 ) -> grounders.Grounding:
-    """Learn a grounding from whole recordings, but for the held-out trajectories."""
+    """Learn a grounding from whole recordings, but for the held-out trajectories.
+
+    Args:
+        world: the simulator, not grounded.
+        method: one of `gatjax.grounding.learn.METHODS`.
+        robot: recording of the robot.
+        simulator: recording of the simulator under the same policy.
+        seed: of initial weights and splits.
+        theta: [15] that policy, for methods that let the simulator walk again.
+    """
     seen, _ = split_by_trajectory(robot.trajectory, HELD_OUT, seed)
-    grounding = grounders.learn(
-        method,
-        [run for run in to_arrays(robot, WALKING_JOINTS) if run.trajectory in seen],
-        to_arrays(simulator, WALKING_JOINTS),
-        lambda: step_error(world, robot, simulator, seen, seed),
-        seed,
+    runs_of = functools.partial(to_arrays, joints=WALKING_JOINTS)
+
+    def gyros() -> tuple[list[Array], list[Array]]:
+        return channels(robot, GYRO, seen), channels(simulator, GYRO)
+
+    def play(method: str, params: Any, number: int) -> list[JointRun]:
+        count = len(np.unique(simulator.trajectory))
+        keys = jax.random.split(jax.random.key(seed + number + 1), count)
+        return played(world, grounders.Grounding(method, params, {}), theta, keys)
+
+    experience = Experience(
+        robot=[run for run in runs_of(robot) if run.trajectory in seen],
+        simulator=runs_of(simulator),
+        gyros=gyros,
+        step_error=lambda: step_error(world, robot, simulator, seen, seed),
+        play=play,
+        seed=seed,
     )
+    grounding = grounders.learn(method, experience)
     facts = {**grounding.facts, "rate_hz": world.rate_hz}
     return grounding._replace(facts=facts)
+
+
+def played(
+    world: World, grounding: grounders.Grounding, theta: Array, keys: Array
+) -> list[JointRun]:
+    """Walk in the grounded simulator; commands are what the simulator was told."""
+    policies = np.tile(theta, (len(keys), 1))
+    better = grounders.grounded(world, grounding)
+    walk, _ = prepare(better, "native").rollout(better.values, policies, keys)
+    effect = grounders.METHODS[grounding.method].effect(WALKING)
+
+    def sent(command: Array, angle: Array) -> Array:
+        def told(row: tuple[Array, Array]) -> Signal:
+            still = jnp.zeros_like(row[0])
+            return Signal(row[0], row[1], still, still)
+
+        def tick(state: Any, row: tuple) -> tuple:
+            state, signal = effect.apply(grounding.params, state, told(row))
+            return state, signal.target
+
+        begin = effect.init(grounding.params, told((command[0], angle[0])))
+        return jax.lax.scan(tick, begin, (command, angle))[1]
+
+    told = np.asarray(jax.jit(jax.vmap(sent))(walk.command, walk.reading.angle))
+    return [
+        JointRun(number, walk.time[number][alive], told[number][alive][:, WALKING],
+                 walk.reading.angle[number][alive][:, WALKING])
+        for number, alive in enumerate(np.asarray(walk.alive))
+    ]  # fmt: skip
 
 
 def step_error(
@@ -151,7 +216,7 @@ def ground(
         return grounders.read_grounding(folder)
     setting.progress.stage(f"{entry.name}: ground the simulator")
     seed, world = setting.settings.seed, entry.world
-    grounding = learn_grounding(world, entry.grounder, *logs, seed)
+    grounding = learn_grounding(world, entry.grounder, *logs, seed, theta)
     grounding = stable(world, grounding, theta, setting.key(2, iteration))
     grounding = helpful(world, grounding, logs[0], seed)
     facts = {"method": entry.name, "iteration": iteration}

@@ -12,11 +12,18 @@ import jax.numpy as jnp
 import numpy as np
 
 from gatjax.effects.effect import Effect
-from gatjax.records import JOINTS, Signal
+from gatjax.records import JOINTS, Sensed, Signal
 from gatjax.robot.model import Held
 from gatjax.robot.nao import WALKING_JOINTS
 from gatjax.sim.episode import joints_of
-from gatjax.sim.world import World, add_cause, add_command, fields_applied, nominal
+from gatjax.sim.world import (
+    World,
+    add_cause,
+    add_command,
+    add_sensor,
+    fields_applied,
+    nominal,
+)
 from gatjax.task import pose
 from gatjax.walk.parameters import THETA0
 
@@ -31,8 +38,8 @@ def lighter(world: World) -> World:
 
     What causes make of the bodies is in its model, as are the bodies that no longer
     move by themselves. Of other causes those at held joints are left out; those at
-    "all" joints are at all that are left. A learned command effect sees the held joints
-    where they stand.
+    "all" joints are at all that are left. Learned effects see the held joints where
+    they stand.
     """
     stand = np.asarray(pose(THETA0))
     angles = {joint: float(stand[JOINTS.index(joint)]) for joint in HELD}
@@ -46,7 +53,32 @@ def lighter(world: World) -> World:
     for name in world.learned:
         effect = _among_all(world.command[name], joints_of(light.model), stand)
         light = add_command(light, name, effect, world.values.command[name])
+    for name in world.learned_sensors:
+        effect = _reading_all(world.sensor[name], joints_of(light.model), stand)
+        light = add_sensor(light, name, effect, world.values.sensor[name])
     return light
+
+
+def _reading_all(effect: Effect, kept: np.ndarray, stand: np.ndarray) -> Effect:
+    """A sensor effect made for all joints, for a robot that has those `kept` [K]."""
+
+    def whole(signal: Sensed) -> Sensed:
+        angle, noise = signal.reading.angle, signal.noise.angle
+        still = jnp.asarray(stand, angle.dtype)
+        return Sensed(
+            signal.reading._replace(angle=still.at[kept].set(angle)),
+            signal.noise._replace(angle=jnp.zeros_like(still).at[kept].set(noise)),
+        )
+
+    def init(params: Any, signal: Sensed) -> Any:
+        return effect.init(params, whole(signal))
+
+    def apply(params: Any, state: Any, signal: Sensed) -> tuple[Any, Sensed]:
+        state, changed = effect.apply(params, state, whole(signal))
+        reading = changed.reading._replace(angle=changed.reading.angle[kept])
+        return state, signal._replace(reading=reading)
+
+    return Effect(init, apply)
 
 
 def _among_all(effect: Effect, kept: np.ndarray, stand: np.ndarray) -> Effect:

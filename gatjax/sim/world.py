@@ -6,7 +6,7 @@ import dataclasses
 import json
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -73,11 +73,19 @@ class World:
         """Command, motor and sensor effects, each as one effect."""
         return chain(**self.command), chain(**self.motor), chain(**self.sensor)
 
+    def _foreign(self, names: Iterable[str]) -> tuple[str, ...]:
+        ours = {_effect(row["cause"], n) for n, row in enumerate(self.causes)}
+        return tuple(name for name in names if name not in ours)
+
     @property
     def learned(self) -> tuple[str, ...]:
         """Names of command effects that come from elsewhere than the catalogue."""
-        ours = {_effect(row["cause"], n) for n, row in enumerate(self.causes)}
-        return tuple(name for name in self.command if name not in ours)
+        return self._foreign(self.command)
+
+    @property
+    def learned_sensors(self) -> tuple[str, ...]:
+        """The same of sensor effects; the noise is the simulator's own."""
+        return tuple(each for each in self._foreign(self.sensor) if each != "noise")
 
     @property
     def foresees(self) -> bool:
@@ -129,6 +137,15 @@ def add_command(world: World, name: str, effect: Effect, params: Any) -> World:
         world,
         command={**world.command, name: effect},
         values=world.values._replace(command={**world.values.command, name: params}),
+    )
+
+
+def add_sensor(world: World, name: str, effect: Effect, params: Any) -> World:
+    """Append a sensor effect, e.g. of a grounding."""
+    return dataclasses.replace(
+        world,
+        sensor={**world.sensor, name: effect},
+        values=world.values._replace(sensor={**world.values.sensor, name: params}),
     )
 
 

@@ -6,16 +6,13 @@ effects are too small to be felt, but all of their arithmetic is done.
 
 from __future__ import annotations
 
-import itertools
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gatjax.grounding.gat import Gat, gat_effect
-from gatjax.grounding.network import HIDDEN, Network
-from gatjax.grounding.transitions import HISTORY
+from gatjax.grounding.gat import GAT, Gat, gat_effect
 from gatjax.robot.nao import WALKING
 from gatjax.sim.episode import joints_of
 from gatjax.sim.native import Native
@@ -50,24 +47,16 @@ def world_of(kind: str, task: Task) -> World:
 
 def _networks() -> Gat:
     """GAT of the paper's size with drawn weights, of which nothing is used."""
-    joints = len(WALKING)
-    inputs, outputs = (2 + 2 * HISTORY) * joints, 2 * joints
-    sizes = (inputs, *HIDDEN, outputs)
     draw = np.random.default_rng(0).normal
 
-    def layer(one: int, other: int) -> Any:
-        return np.asarray(draw(0.0, one**-0.5, (one, other)), np.float32)
+    def drawn(leaf: Any) -> Any:
+        shape = np.shape(leaf)
+        if len(shape) < 2:
+            return np.ones(shape, np.float32)
+        return np.asarray(draw(0.0, shape[0] ** -0.5, shape), np.float32)
 
-    def like(size: int, value: float) -> Any:
-        return np.full(size, value, np.float32)
-
-    network = Network(
-        like(inputs, 0.0), like(inputs, 1.0), like(outputs, 0.0), like(outputs, 1.0),
-        layer(inputs, outputs),
-        tuple(layer(*pair) for pair in itertools.pairwise(sizes)),
-        tuple(like(size, 0.0) for size in sizes[1:]),
-    )  # fmt: skip
-    return Gat(np.float32(0.0), network, network)
+    params = jax.tree.map(drawn, GAT.template(len(WALKING)))
+    return params._replace(alpha=np.float32(0.0))
 
 
 class Walk(NamedTuple):
