@@ -1,5 +1,6 @@
 """The loop: complete, resumable after any stop, and the same numbers either way."""
 
+import dataclasses
 import shutil
 
 import numpy as np
@@ -213,3 +214,32 @@ def test_a_second_iteration_starts_from_the_best_walk(robot, tmp_path):
 def test_wrong_settings_are_refused_before_any_work(change, message):
     with pytest.raises(ValueError, match=message):
         loop.resolved(LoopSettings(**change))
+
+
+def test_an_oracle_searches_on_the_robot_itself(robot, tmp_path):
+    asked = []
+
+    class Watched(Late):
+        def walk(self, policies, seeds, task):
+            asked.append((np.asarray(policies), np.asarray(seeds)))
+            return super().walk(policies, seeds, task)
+
+    settings = dataclasses.replace(SETTINGS, methods=("oracle",), candidates=("mean",))
+    folder = runs.open_run(tmp_path, settings, "run").path
+    loop.run(folder, settings, Watched(), quiet())
+    rows = without_seconds(folder / "metrics.csv")
+    found = [row for row in rows if row["method"] == "oracle"]
+    assert {row["candidate"] for row in found} <= {"mean", "chosen"}
+    assert {row["generation"] for row in found} == {0, 1}
+    assert not (folder / "recordings" / "robot_0.parquet").exists()
+    searched = [each for each in asked if len(each[0]) == 8]  # 4 policies, 2 walks
+    assert len(searched) == 2
+    policies, drawn = searched[0]
+    np.testing.assert_array_equal(drawn, np.tile(drawn[:2], 4))  # the same for all
+    assert len(np.unique(policies, axis=0)) == 4
+    assert set(drawn).isdisjoint(row["seed"] for row in runs.read_table(
+        folder / "evaluations.csv"))  # fmt: skip
+    count = len(asked)
+    loop.run(folder, settings, Watched(), quiet())
+    assert len(asked) == count
+    assert build_report(folder).is_file()

@@ -116,7 +116,7 @@ def line(method: str, found: Sequence[Found], seed: int = 0) -> Line:
         gain=mean([each.useful for each in good], seed),
         useful=mean([each.useful for each in found], seed),
         failures=len(found) - len(good),
-        generation=mean([e.generation or 0 for e in good], seed).mean,
+        generation=mean([float(e.generation or 0) for e in good], seed).mean,
         stood=sum(e.confirmed_falls == 0 and (e.confirmed or 0.0) > 0 for e in found),
         confirmed=mean(again, seed),
         falls=share_interval(sum(e.falls for e in found), sum(e.walks for e in found)),
@@ -165,7 +165,7 @@ def paired(these: Sequence[Found], others: Sequence[Found], seed: int = 0) -> Pa
 
 def _flipped(apart: np.ndarray, seed: int) -> float:
     """Two-sided p of a mean difference, were every sign as likely as the other."""
-    if not apart.any():
+    if len(apart) < 2 or not apart.any():
         return 1.0
     result = stats.permutation_test(
         (apart,), np.mean, permutation_type="samples", n_resamples=2**16,

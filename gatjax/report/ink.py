@@ -29,9 +29,16 @@ STAND_INS = {
     "#01020b": "--other",
     "#01020c": "--theta0",
     "#01020d": "--explained",
+    "#01020e": "--dagger",
+    "#01020f": "--sgat",
+    "#010210": "--sensing",
+    "#010211": "--oracle",
 }
 COLOURS = {variable[2:]: stand_in for stand_in, variable in STAND_INS.items()}
-MARKERS = {"none": "o", "envelope": "^", "guided": "D", "gat": "s", "explained": "P"}
+MARKERS = {
+    "none": "o", "envelope": "^", "guided": "D", "gat": "s", "explained": "P",
+    "dagger": "v", "sgat": "<", "sensing": ">", "oracle": "*",
+}  # fmt: skip
 STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "gatjax",

@@ -1,0 +1,130 @@
+"""Trials of the loop as the paper counts them: columns, intervals and paired tests."""
+
+import math
+
+import numpy as np
+import pytest
+
+from gatjax import runs
+from gatjax.benchmark import transfer
+from gatjax.benchmark.transfer import Found, line, paired, trial_of
+
+
+def found(gain, generation=2, confirmed=None, confirmed_falls=None):
+    return Found(gain, None if gain is None else generation, confirmed,
+                 confirmed_falls, falls=3, walks=10)  # fmt: skip
+
+
+def rows_of(method, generations, kind="best", iteration=0):
+    return [
+        {"method": method, "iteration": iteration, "generation": number,
+         "candidate": kind, "robot_velocity_m_s": speed, "robot_falls": falls,
+         "robot_rollouts": 5}
+        for number, (speed, falls) in enumerate(generations)
+    ]  # fmt: skip
+
+
+@pytest.fixture
+def run(tmp_path):
+    rows = rows_of("theta0", [(0.2, 0)])
+    rows += rows_of("gat", [(0.4, 0), (0.22, 0), (0.24, 0), (0.3, 2)])
+    rows += [{**rows_of("gat", [(0.23, 1)], "chosen")[0], "generation": 2,
+              "robot_rollouts": 10}]  # fmt: skip
+    rows += rows_of("gat", [(0.2, 0), (0.5, 0)], iteration=1)
+    rows += rows_of("none", [(0.3, 0), (0.3, 5)])
+    runs.add_rows(tmp_path / "metrics.csv", rows)
+    return tmp_path
+
+
+def test_a_trial_is_its_fastest_policy_that_never_fell_after_the_first(run):
+    gat = trial_of(run)["gat"]
+    assert gat.gain == pytest.approx(20.0)
+    assert gat.generation == 2
+    assert gat.confirmed == pytest.approx(15.0)
+    assert (gat.confirmed_falls, gat.falls, gat.walks) == (1, 2, 15)
+    assert trial_of(run, iteration=1)["gat"].gain == pytest.approx(150.0)
+
+
+def test_a_trial_without_a_stable_policy_failed(run):
+    none = trial_of(run)["none"]
+    assert none == Found(None, None, None, None, falls=5, walks=5)
+    assert none.failed
+    assert none.useful == 0.0
+
+
+def test_a_run_that_is_not_done_is_refused(run, tmp_path):
+    runs.add_rows(run / "metrics.csv", [
+        {"method": "gat", "iteration": 0, "generation": 4, "candidate": "best",
+         "sigma": 1.0}
+    ])  # fmt: skip
+    with pytest.raises(ValueError, match="gat has not walked on the robot yet"):
+        trial_of(run)
+
+
+def test_the_papers_columns():
+    each = [found(10.0, 1, 8.0, 0), found(30.0, 3, 20.0, 2), found(None), found(-5.0)]
+    one = line("gat", each)
+    assert one.gain.mean == pytest.approx(20.0)
+    assert one.useful.mean == pytest.approx(10.0)
+    assert (one.failures, one.generation, one.stood, one.trials) == (2, 2.0, 1, 4)
+    assert one.confirmed.mean == pytest.approx(14.0)
+    assert one.falls.mean == pytest.approx(0.3)
+
+
+def test_a_method_that_always_fails_has_no_gain():
+    one = line("none", [found(None)] * 3)
+    assert math.isnan(one.gain.mean)
+    assert one.failures == 3
+    assert one.useful.mean == 0.0
+
+
+def test_the_bootstrap_covers():
+    """Of 300 samples of 10 normal numbers about 90 % to 95 % cover their mean."""
+    rng = np.random.default_rng(3)
+    intervals = [transfer.mean(rng.normal(5.0, 2.0, 10).tolist()) for _ in range(300)]
+    share = np.mean([each.low <= 5.0 <= each.high for each in intervals])
+    assert 0.84 <= share <= 0.96
+
+
+def test_paired_tests_see_what_is_there_and_nothing_else():
+    rng = np.random.default_rng(0)
+    trials = rng.normal(15.0, 6.0, 10)
+    same = [found(float(gain)) for gain in trials]
+    better = [found(float(gain + 3.0 + rng.normal())) for gain in trials]
+    strong = paired(better, same)
+    assert strong.p == pytest.approx(2 / 2**10)
+    assert strong.difference.low > 1.0
+    assert paired(same, same).p == 1.0
+    assert paired(better[:1], same[:1]).p == 1.0  # one trial proves nothing
+    p = [
+        paired(*[[found(float(g)) for g in rng.normal(15.0, 6.0, 10)] for _ in "ab"]).p
+        for _ in range(100)
+    ]
+    assert np.mean(np.array(p) < 0.05) <= 0.12
+
+
+def test_failures_are_compared_in_the_trials_where_they_differ():
+    fails, stands = found(None), found(10.0)
+    test = paired([stands] * 6 + [fails, stands], [fails] * 6 + [stands, stands])
+    assert (test.fewer, test.more) == (6, 1)
+    assert test.p_failures == pytest.approx(2 * (1 + 7) / 2**7)
+    with pytest.raises(ValueError, match="same trials"):
+        paired([stands], [stands, fails])
+
+
+def test_the_document_has_a_line_a_method_beside_the_paper(tmp_path):
+    for trial, gain in enumerate((10.0, 20.0)):
+        methods = {"none": found(None), "gat": found(gain, 1, gain, 0)}
+        runs.write_json(tmp_path / f"dart_{trial}.json", {
+            "robot": "dart", "trial": trial,
+            "methods": {name: each._asdict() for name, each in methods.items()},
+        })  # fmt: skip
+    text = transfer.document(transfer.read_trials(tmp_path))
+    assert "## Simulator to dart" in text
+    gat, none = (
+        next(row for row in text.splitlines() if row.startswith(f"| {name} "))
+        for name in ("gat", "none")
+    )
+    assert "15.0 (10.0 to 20.0)" in gat and "22.5, 1, 2.7" in gat
+    assert "| 2        |" in none
+    assert "none - gat" in text
