@@ -16,10 +16,10 @@ import argparse
 import dataclasses
 from pathlib import Path
 
-from gatjax import loop, runs
-from gatjax.benchmark.transfer import Found, document, read_trials, trial_of
+from gatjax.benchmark.transfer import document, read_trials, trial_of
+from gatjax.benchmark.trials import EXPLAINED, run_trial, with_methods
 from gatjax.cli.progress import shown
-from gatjax.report import build_report
+from gatjax.runs import write_json
 from gatjax.settings import LoopSettings, SearchSettings
 from gatjax.sim.backend import use_compile_cache
 from gatjax.surrogate import make_robot
@@ -33,37 +33,11 @@ REDUCED = dataclasses.replace(
     search=SearchSettings(population=40, rollouts=4, generations=6),
 )
 SIZES = {"reduced": REDUCED, "paper": PAPER}
-METHODS = ("none", "envelope", "guided", "gat")
-EXPLAINED = "explained"
+METHODS = ["none", "envelope", "guided", "gat", "dagger", "sgat", "sensing"]
 
 
-def run_trial(out: Path, settings: LoopSettings) -> dict[str, Found]:
-    """Run one trial, or go on with it, or with more methods in it."""
-    name = f"{settings.robot}_{settings.seed}"
-    settings = loop.resolved(settings)
-    if (out / name / "config.json").exists():
-        same = dataclasses.asdict(settings)
-        before = runs.read_json(out / name / "config.json")
-        same |= {"methods": before["methods"], "explain": before["explain"]}
-        runs.check_same(before, same | {"candidates": list(same["candidates"])},
-                        out / name)  # fmt: skip
-        folder = runs.resume_run(out / name).path
-        runs.write_json(folder / "config.json", dataclasses.asdict(settings))
-    else:
-        folder = runs.open_run(out, settings, name).path
-    robot = make_robot(settings.robot, settings.body_seed)
-    with shown(loop.total_work(settings)) as progress:
-        loop.run(folder, settings, robot, progress)
-    build_report(folder)
-    found = trial_of(folder)
-    rows = {method: each._asdict() for method, each in found.items()}
-    facts = {"robot": settings.robot, "trial": settings.seed, "methods": rows}
-    runs.write_json(out / "results" / f"{name}.json", facts)
-    return found
-
-
-def main() -> None:
-    """Run trial after trial and write the table after each of them."""
+def asked() -> argparse.Namespace:
+    """What the command line asks for."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -79,21 +53,29 @@ def main() -> None:
     )
     parser.add_argument("--backend", default="auto", help="native, mjx or auto")
     parser.add_argument("--impl", default="jax", help="of mjx: jax or warp")
-    asked = parser.parse_args()
+    return parser.parse_args()
+
+
+def main() -> None:
+    """Run trial after trial and write the table after each of them."""
+    told = asked()
     use_compile_cache()
-    (asked.out / "results").mkdir(parents=True, exist_ok=True)
-    for trial in asked.trials:
-        for robot in asked.robots:
+    results = told.out / "results"
+    results.mkdir(parents=True, exist_ok=True)
+    settings = with_methods(SIZES[told.size], told.methods)
+    settings = dataclasses.replace(settings, backend=told.backend, impl=told.impl)
+    for trial in told.trials:
+        for robot in told.robots:
             print(f"trial {trial} on {robot}", flush=True)
-            settings = dataclasses.replace(
-                SIZES[asked.size], robot=robot, seed=trial, backend=asked.backend,
-                impl=asked.impl, explain=EXPLAINED in asked.methods,
-                methods=tuple(name for name in asked.methods if name != EXPLAINED),
-            )  # fmt: skip
-            run_trial(asked.out, settings)
-            text = document(read_trials(asked.out / "results"))
-            (asked.out / "table.md").write_text(text, encoding="utf-8")
-    print(f"{text}\n{asked.out / 'table.md'}")
+            name = f"{robot}_{trial}"
+            one = dataclasses.replace(settings, robot=robot, seed=trial)
+            folder = run_trial(told.out, name, one, make_robot(robot), shown)
+            methods = {key: f._asdict() for key, f in trial_of(folder).items()}
+            facts = {"robot": robot, "trial": trial, "methods": methods}
+            write_json(results / f"{name}.json", facts)
+            text = document(read_trials(results))
+            (told.out / "table.md").write_text(text, encoding="utf-8")
+    print(f"{document(read_trials(results))}\n{told.out / 'table.md'}")
 
 
 if __name__ == "__main__":

@@ -1,0 +1,64 @@
+"""One trial of an experiment: a run of the loop that can go on, also with more methods.
+
+What defines the numbers of a method (sizes, seeds, robot) may not change in a folder;
+which methods are compared may, since none depends on another.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from pathlib import Path
+
+from gatjax import loop, runs
+from gatjax.loop import Robot
+from gatjax.report import build_report
+from gatjax.settings import LoopSettings
+
+FREE = ("methods", "explain")  # settings that may differ when a trial goes on
+EXPLAINED = "explained"  # the name of GAT after a diagnosis among methods
+
+Shown = Callable[[float], AbstractContextManager[runs.Progress]]
+"""Units of work -> progress to be told of them."""
+
+
+def with_methods(settings: LoopSettings, names: list[str]) -> LoopSettings:
+    """Return settings that compare methods by name, also `explained`."""
+    methods = tuple(name for name in names if name != EXPLAINED)
+    return dataclasses.replace(settings, methods=methods, explain=EXPLAINED in names)
+
+
+def opened(out: Path, name: str, settings: LoopSettings) -> Path:
+    """Open the run folder of a trial, new or again.
+
+    Raises:
+        ValueError: one line with the first setting that differs from before.
+    """
+    if not (out / name / "config.json").exists():
+        return runs.open_run(out, settings, name).path
+    before = runs.read_json(out / name / "config.json")
+    free = {field: before[field] for field in FREE}
+    runs.resume_run(out / name, dataclasses.replace(settings, **free))
+    runs.write_json(out / name / "config.json", dataclasses.asdict(settings))
+    return out / name
+
+
+def run_trial(
+    out: Path, name: str, settings: LoopSettings, robot: Robot, shown: Shown
+) -> Path:
+    """Run a trial, or go on with it; return its run folder, with a report.
+
+    Args:
+        out: folder of the trials.
+        name: of the run folder.
+        settings: of the run.
+        robot: that settings name.
+        shown: shows progress.
+    """
+    settings = loop.resolved(settings)
+    folder = opened(out, name, settings)
+    with shown(loop.total_work(settings)) as progress:
+        loop.run(folder, settings, robot, progress)
+    build_report(folder)
+    return folder

@@ -1,0 +1,70 @@
+"""Trials of an experiment: they go on, with more methods, but not with other sizes."""
+
+import contextlib
+import dataclasses
+import json
+
+import pytest
+
+from gatjax import loop, runs
+from gatjax.benchmark import trials
+from gatjax.settings import LoopSettings, SearchSettings
+
+SETTINGS = loop.resolved(
+    LoopSettings(methods=("none",), search=SearchSettings(population=4))
+)
+
+
+class Nobody:
+    name = "nobody"
+
+
+def test_explained_is_a_method_among_others():
+    settings = trials.with_methods(SETTINGS, ["gat", "explained", "sgat"])
+    assert settings.methods == ("gat", "sgat")
+    assert settings.explain
+    assert not trials.with_methods(SETTINGS, ["gat"]).explain
+
+
+def test_a_trial_goes_on_with_more_methods_and_keeps_what_it_has(tmp_path):
+    folder = trials.opened(tmp_path, "stiff_0", SETTINGS)
+    (folder / "policies" / "theta0.json").write_text("{}")
+    more = trials.with_methods(SETTINGS, ["none", "gat", "explained"])
+    assert trials.opened(tmp_path, "stiff_0", more) == folder
+    assert (folder / "policies" / "theta0.json").read_text() == "{}"
+    config = json.loads((folder / "config.json").read_text())
+    assert (config["methods"], config["explain"]) == (["none", "gat"], True)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"seed": 5}, "started with seed = 0, now it is 5"),
+        ({"search": SearchSettings(population=8)}, "search.population = 4, now it is"),
+        ({"candidates": ("best",)}, "started with candidates"),
+    ],
+)
+def test_a_trial_of_another_size_is_refused(tmp_path, change, says):
+    trials.opened(tmp_path, "stiff_0", SETTINGS)
+    with pytest.raises(ValueError, match=says):
+        trials.opened(tmp_path, "stiff_0", dataclasses.replace(SETTINGS, **change))
+    config = json.loads((tmp_path / "stiff_0" / "config.json").read_text())
+    assert config["seed"] == 0
+
+
+def test_a_trial_runs_the_loop_in_its_folder_and_reports(tmp_path, monkeypatch):
+    told = []
+    monkeypatch.setattr(trials.loop, "run", lambda *what: told.append(what))
+    monkeypatch.setattr(trials, "build_report", lambda folder: told.append(folder))
+
+    @contextlib.contextmanager
+    def shown(units):
+        assert units == loop.total_work(SETTINGS)
+        yield runs.Progress(print, print)
+
+    robot = Nobody()
+    robot.constants = dict
+    robot.walk = print
+    folder = trials.run_trial(tmp_path, "stiff_0", SETTINGS, robot, shown)
+    assert told[0][:3] == (folder, SETTINGS, robot)
+    assert told[1] == folder == tmp_path / "stiff_0"
