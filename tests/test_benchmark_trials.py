@@ -52,19 +52,20 @@ def test_a_trial_of_another_size_is_refused(tmp_path, change, says):
     assert config["seed"] == 0
 
 
-def test_a_trial_runs_the_loop_in_its_folder_and_reports(tmp_path, monkeypatch):
+def test_trials_run_the_loop_in_their_folders_and_report(tmp_path, monkeypatch):
     told = []
-    monkeypatch.setattr(trials.loop, "run", lambda *what: told.append(what))
+    monkeypatch.setattr(trials.loop, "run_all", lambda *what: told.append(what))
     monkeypatch.setattr(trials, "build_report", lambda folder: told.append(folder))
 
     @contextlib.contextmanager
     def shown(units):
-        assert units == loop.total_work(SETTINGS)
+        assert units == 2 * loop.total_work(SETTINGS)
         yield runs.Progress(print, print)
 
-    robot = Nobody()
+    robot, both = Nobody(), [dataclasses.replace(SETTINGS, seed=k) for k in (0, 1)]
     robot.constants = dict
     robot.walk = print
-    folder = trials.run_trial(tmp_path, "stiff_0", SETTINGS, robot, shown)
-    assert told[0][:3] == (folder, SETTINGS, robot)
-    assert told[1] == folder == tmp_path / "stiff_0"
+    folders = trials.run_trials(tmp_path, both, robot, shown)
+    assert folders == [tmp_path / "dart_0", tmp_path / "dart_1"]
+    assert told[0][:3] == (folders, both, robot)
+    assert told[1:] == folders

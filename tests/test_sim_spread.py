@@ -17,7 +17,7 @@ PROGRAM = """
 import json, sys
 import jax, numpy as np
 from gatjax import search
-from gatjax.loop.optimise import generation
+from gatjax.loop.steps import generation
 from gatjax.settings import LoopSettings, SearchSettings
 from gatjax.sim.lighter import lighter
 from gatjax.sim.spread import over_devices

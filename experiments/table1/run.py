@@ -17,8 +17,9 @@ import dataclasses
 from pathlib import Path
 
 from gatjax.benchmark.transfer import document, read_trials, trial_of
-from gatjax.benchmark.trials import EXPLAINED, run_trial, with_methods
+from gatjax.benchmark.trials import EXPLAINED, run_trials, with_methods
 from gatjax.cli.progress import shown
+from gatjax.loop import resolved
 from gatjax.runs import write_json
 from gatjax.settings import LoopSettings, SearchSettings
 from gatjax.sim.backend import use_compile_cache
@@ -63,16 +64,23 @@ def main() -> None:
     results = told.out / "results"
     results.mkdir(parents=True, exist_ok=True)
     settings = with_methods(SIZES[told.size], told.methods)
-    settings = dataclasses.replace(settings, backend=told.backend, impl=told.impl)
-    for trial in told.trials:
+    settings = resolved(
+        dataclasses.replace(settings, backend=told.backend, impl=told.impl)
+    )
+    # On mjx trials are worlds of one compiled call, so all of a robot go together.
+    rounds = [told.trials] if settings.backend == "mjx" else [[t] for t in told.trials]
+    for trials in rounds:
         for robot in told.robots:
-            print(f"trial {trial} on {robot}", flush=True)
-            name = f"{robot}_{trial}"
-            one = dataclasses.replace(settings, robot=robot, seed=trial)
-            folder = run_trial(told.out, name, one, make_robot(robot), shown)
-            methods = {key: f._asdict() for key, f in trial_of(folder).items()}
-            facts = {"robot": robot, "trial": trial, "methods": methods}
-            write_json(results / f"{name}.json", facts)
+            print(f"trials {trials} on {robot}", flush=True)
+            each = [
+                dataclasses.replace(settings, robot=robot, seed=trial)
+                for trial in trials
+            ]
+            folders = run_trials(told.out, each, make_robot(robot), shown)
+            for trial, folder in zip(trials, folders, strict=True):
+                methods = {key: f._asdict() for key, f in trial_of(folder).items()}
+                facts = {"robot": robot, "trial": trial, "methods": methods}
+                write_json(results / f"{robot}_{trial}.json", facts)
             text = document(read_trials(results))
             (told.out / "table.md").write_text(text, encoding="utf-8")
     print(f"{document(read_trials(results))}\n{told.out / 'table.md'}")

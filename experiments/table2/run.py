@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from gatjax.benchmark.tables import table
-from gatjax.benchmark.trials import run_trial, with_methods
+from gatjax.benchmark.trials import run_trials, with_methods
 from gatjax.cli.progress import shown
 from gatjax.runs import read_table, write_json
 from gatjax.settings import CONFIRMATION, LoopSettings, SearchSettings, seeds
@@ -99,18 +99,21 @@ def main() -> None:
     told = parser.parse_args()
     use_compile_cache()
     results: dict[str, dict[str, dict[str, Any]]] = {}
-    for trial in told.trials:
-        for name in told.robots:
-            run, robot = f"{name}_{trial}", make_robot(name)
-            print(f"trial {trial} on {name}", flush=True)
-            one = with_methods(SIZES[told.size], told.methods)
-            one = dataclasses.replace(one, robot=name, seed=trial)
-            folder = run_trial(told.out, run, one, robot, shown)
+    for name in told.robots:
+        robot = make_robot(name)
+        print(f"trials {told.trials} on {name}", flush=True)
+        base = with_methods(SIZES[told.size], told.methods)
+        each = [
+            dataclasses.replace(base, robot=name, seed=trial) for trial in told.trials
+        ]
+        for trial, folder in zip(
+            told.trials, run_trials(told.out, each, robot, shown), strict=True
+        ):
             walks = found(folder)
             first = {"theta0": walks.pop("theta0")}
             first["theta0 at full request"] = hurried(robot, trial)
-            results[run] = first | walks
-            write_json(told.out / "results.json", results)
+            results[f"{name}_{trial}"] = first | walks
+        write_json(told.out / "results.json", results)
     print(f"{shown_table(results)}\n{told.out / 'results.json'}")
 
 

@@ -7,7 +7,7 @@ which methods are compared may, since none depends on another.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 
@@ -44,21 +44,24 @@ def opened(out: Path, name: str, settings: LoopSettings) -> Path:
     return out / name
 
 
-def run_trial(
-    out: Path, name: str, settings: LoopSettings, robot: Robot, shown: Shown
-) -> Path:
-    """Run a trial, or go on with it; return its run folder, with a report.
+def run_trials(
+    out: Path, settings: Sequence[LoopSettings], robot: Robot, shown: Shown
+) -> list[Path]:
+    """Run trials side by side, or go on with them.
 
     Args:
         out: folder of the trials.
-        name: of the run folder.
-        settings: of the run.
+        settings: of each trial; their seeds alone differ.
         robot: that settings name.
         shown: shows progress.
+
+    Returns:
+        Their run folders `out/ROBOT_SEED`, each with a report.
     """
-    settings = loop.resolved(settings)
-    folder = opened(out, name, settings)
-    with shown(loop.total_work(settings)) as progress:
-        loop.run(folder, settings, robot, progress)
-    build_report(folder)
-    return folder
+    settings = [loop.resolved(one) for one in settings]
+    folders = [opened(out, f"{one.robot}_{one.seed}", one) for one in settings]
+    with shown(sum(map(loop.total_work, settings))) as progress:
+        loop.run_all(folders, settings, robot, progress)
+    for folder in folders:
+        build_report(folder)
+    return folders

@@ -21,7 +21,7 @@ from gatjax.cli.inputs import world_of
 from gatjax.cli.resume import GROUNDING
 from gatjax.hosts import Crew, Task
 from gatjax.hosts.crew import Run
-from gatjax.loop.optimise import Share, searched, unshared
+from gatjax.loop.steps import Share, searched, unshared
 from gatjax.robot.model import SHIPPED, check_walker
 from gatjax.search import Evaluate
 from gatjax.settings import LoopSettings

@@ -12,7 +12,7 @@ from gatjax.loop.ground import (
 from gatjax.loop.optimise import Candidate, Job, optimise
 from gatjax.loop.robots import Simulator
 from gatjax.loop.setting import Robot, Setting, resolved, total_work
-from gatjax.loop.stages import run
+from gatjax.loop.stages import run, run_all
 from gatjax.runs import Progress
 
 __all__ = [
@@ -30,6 +30,7 @@ __all__ = [
     "predictions",
     "resolved",
     "run",
+    "run_all",
     "stable",
     "total_work",
     "write_grounded",

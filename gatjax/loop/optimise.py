@@ -11,13 +11,20 @@ import jax
 import numpy as np
 
 from gatjax import checkpoints, runs, search
-from gatjax.loop.memory import frugal
 from gatjax.loop.setting import SIMULATOR_UNIT
+from gatjax.loop.steps import (
+    Share,
+    Steps,
+    apart,
+    generation,
+    searched,
+    together,
+    unshared,
+)
 from gatjax.records import Array
 from gatjax.runs import Progress
 from gatjax.settings import LoopSettings
-from gatjax.sim.backend import costs, pairs, prepare
-from gatjax.sim.lighter import lighter
+from gatjax.sim.backend import pairs, prepare
 from gatjax.sim.world import World
 from gatjax.walk.parameters import HIGH, LOW, STEP, THETA0
 
@@ -65,14 +72,6 @@ class Job(NamedTuple):
         return self.folder / "checkpoints" / f"{self.method}_{self.iteration}"
 
 
-Share = Callable[[search.Evaluate], search.Evaluate]
-
-
-def unshared(evaluate: search.Evaluate) -> search.Evaluate:
-    """Leave all policies to this host."""
-    return evaluate
-
-
 def optimise(
     job: Job, settings: LoopSettings, progress: Progress, share: Share = unshared
 ) -> list[Candidate]:
@@ -85,81 +84,91 @@ def optimise(
         share: makes of what evaluates policies here what evaluates them on all hosts.
     """
 
-    def build(space: search.Space) -> tuple[search.Generation, Any]:
+    def build(space: search.Space) -> Steps:
         world = searched(settings, job.world)
-        return generation(settings, world, space, share, progress.stage), world.values
+        step = generation(settings, world, space, share, progress.stage)
+        return apart(step, world.values)
 
-    candidates = generations(job, settings, progress, build)
+    (candidates,) = generations([job], settings, progress, build)
     verify(job, candidates, settings.search.rollouts)
     return candidates
 
 
+def optimise_all(
+    jobs: Sequence[Job], settings: LoopSettings, progress: Progress
+) -> list[list[Candidate]]:
+    """Search in trials of one method; on mjx all of them are one compiled call.
+
+    Args:
+        jobs: trials of one method, each with a folder of its own.
+        settings: of the runs, whose seeds alone may differ.
+        progress: told of every generation.
+    """
+    worlds = [job.world for job in jobs]
+    if len(jobs) == 1 or settings.backend != "mjx" or any(w.causes for w in worlds):
+        return [optimise(job, settings, progress) for job in jobs]
+
+    def build(space: search.Space) -> Steps:
+        return together(settings, worlds, space, progress.stage)
+
+    found = generations(jobs, settings, progress, build)
+    for job, candidates in zip(jobs, found, strict=True):
+        verify(job, candidates, settings.search.rollouts)
+    return found
+
+
 def generations(
-    job: Job,
+    jobs: Sequence[Job],
     settings: LoopSettings,
     progress: Progress,
-    build: Callable[[search.Space], tuple[search.Generation, Any]],
+    build: Callable[[search.Space], Steps],
     unit: float = SIMULATOR_UNIT,
-) -> list[Candidate]:
+) -> list[list[Candidate]]:
     """Run the generations that are still to be run, with a checkpoint each.
 
     Args:
-        job: what is searched, and where.
+        jobs: what is searched, and where; trials of one method.
         settings: of the run.
         progress: told of every generation.
-        build: returns one generation and its values; called only if one is left.
+        build: returns what runs one generation; called only if one is left.
         unit: of work, for one rollout.
     """
+    states, firsts, found = zip(*(begun(job, settings) for job in jobs), strict=True)
+    states, total = list(states), settings.search.generations
+    work = unit * settings.search.population * settings.search.rollouts
+    progress.work(work * sum(firsts))
+    if min(firsts) >= total:
+        return list(found)
+    step = build(states[0].space)
+    for number in range(min(firsts), total):
+        due = [index for index, first in enumerate(firsts) if first <= number]
+        many = f", {len(due)} trials" if len(jobs) > 1 else ""
+        progress.stage(f"{jobs[0].method}: generation {number + 1} of {total}{many}")
+        clock = time.perf_counter()
+        results = step(due, [states[index] for index in due], number)
+        seconds = (time.perf_counter() - clock) / len(due)
+        for index, (state, info) in zip(due, results, strict=True):
+            states[index], job = state, jobs[index]
+            info = jax.tree.map(np.asarray, info)
+            kinds = settings.candidates
+            found[index].extend(write_candidates(job, number, info, kinds, seconds))
+            checkpoints.save(job.checkpoints, number, state)
+            progress.work(work)
+    return list(found)
+
+
+def begun(
+    job: Job, settings: LoopSettings
+) -> tuple[search.SearchState, int, list[Candidate]]:
+    """State of a job's search, the generation that comes next, candidates so far."""
     theta = np.clip(job.theta, LOW, HIGH)
     space = search.Space(theta0=theta, step=STEP, low=LOW, high=HIGH)
     state = search.start(space, settings.search, job.key)
     done = checkpoints.latest(job.checkpoints)
-    first, total = 0 if done is None else done + 1, settings.search.generations
+    first = 0 if done is None else done + 1
     if done is not None:
         state = checkpoints.restore(job.checkpoints, state, done)
-    candidates = read_candidates(job, first, settings.candidates)
-    work = unit * settings.search.population * settings.search.rollouts
-    progress.work(work * first)
-    if first >= total:
-        return candidates
-    step, values = build(space)
-    for number in range(first, total):
-        progress.stage(f"{job.method}: generation {number + 1} of {total}")
-        begun = time.perf_counter()
-        state, info = step(state, values, np.int32(number))
-        info = jax.tree.map(np.asarray, info)
-        seconds = time.perf_counter() - begun
-        candidates += write_candidates(job, number, info, settings.candidates, seconds)
-        checkpoints.save(job.checkpoints, number, state)
-        progress.work(work)
-    return candidates
-
-
-def searched(settings: LoopSettings, world: World) -> World:
-    """Return the world that a search runs in, lighter if the settings say so."""
-    return lighter(world) if settings.model == "light" else world
-
-
-def generation(
-    settings: LoopSettings,
-    world: World,
-    space: search.Space,
-    share: Share = unshared,
-    say: Callable[[str], None] = print,
-) -> search.Generation:
-    """Return one generation: a single compiled call on mjx, on one host.
-
-    Where it does not fit into the device's memory it takes several turns, and says so.
-    """
-    wanted = settings.search
-
-    def build(turns: int) -> search.Generation:
-        backend = prepare(world, settings.backend, settings.impl, turns)
-        if backend.compiled and share is unshared:
-            return jax.jit(search.generation(space, wanted, costs(backend)))
-        return search.host_generation(space, wanted, share(costs(backend)))
-
-    return frugal(build, wanted.population * wanted.rollouts, say)
+    return state, first, read_candidates(job, first, settings.candidates)
 
 
 def write_candidates(

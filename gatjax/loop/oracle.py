@@ -14,6 +14,7 @@ import numpy as np
 from gatjax import search
 from gatjax.loop.optimise import Candidate, Job, generations
 from gatjax.loop.setting import ORACLE, ROBOT_UNIT, Setting
+from gatjax.loop.steps import Steps, apart
 from gatjax.records import Array
 
 APART = 10**11  # above all seeds of `gatjax.settings.seeds`
@@ -39,8 +40,9 @@ def oracle(setting: Setting, iteration: int, theta: Array) -> list[Candidate]:
         _, outcome = setting.robot.walk(each, np.tile(drawn, count), setting.task)
         return np.reshape(outcome.cost, (count, repeats))
 
-    def build(space: search.Space) -> tuple[search.Generation, Any]:
-        wanted = setting.settings.search
-        return search.host_generation(space, wanted, evaluate), ()
+    def build(space: search.Space) -> Steps:
+        return apart(
+            search.host_generation(space, setting.settings.search, evaluate), ()
+        )
 
-    return generations(job, setting.settings, setting.progress, build, ROBOT_UNIT)
+    return generations([job], setting.settings, setting.progress, build, ROBOT_UNIT)[0]

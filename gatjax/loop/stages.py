@@ -6,7 +6,9 @@ was stopped goes on where it was.
 
 from __future__ import annotations
 
+import dataclasses
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 from gatjax import runs
@@ -15,7 +17,7 @@ from gatjax.loop.collect import collect
 from gatjax.loop.evaluate import confirm, evaluate, show, winner
 from gatjax.loop.explain import explained
 from gatjax.loop.ground import ground
-from gatjax.loop.optimise import Candidate, Job, optimise
+from gatjax.loop.optimise import Candidate, Job, optimise_all
 from gatjax.loop.oracle import oracle
 from gatjax.loop.robots import Simulator
 from gatjax.loop.setting import ORACLE, Entry, Robot, Setting
@@ -36,18 +38,51 @@ def run(folder: Path, settings: LoopSettings, robot: Robot, progress: Progress) 
         robot: what the simulator is grounded in.
         progress: told of every stage.
     """
-    task = task_at(settings.rate_hz)
-    setting = Setting(folder, settings, task, nominal(task), robot, progress)
+    run_all([folder], [settings], robot, progress)
+
+
+def run_all(
+    folders: Sequence[Path],
+    settings: Sequence[LoopSettings],
+    robot: Robot,
+    progress: Progress,
+) -> None:
+    """Run trials of the loop side by side; on mjx their searches are one call.
+
+    Args:
+        folders: one a trial, of `gatjax.runs.open_run`.
+        settings: of each trial, checked by `resolved`; their seeds alone may differ.
+        robot: of all trials.
+        progress: told of every stage.
+
+    Raises:
+        ValueError: settings differ in more than their seeds.
+    """
+    if len({dataclasses.replace(one, seed=0) for one in settings}) > 1:
+        raise ValueError("trials side by side may differ in their seeds only")
+    task = task_at(settings[0].rate_hz)
+    world, trials = nominal(task), []
+    for folder, one in zip(folders, settings, strict=True):
+        setting = Setting(folder, one, task, world, robot, progress)
+        begin(setting)
+        trials += [(setting, entry) for entry in entries(setting)]
+    for name in dict.fromkeys(entry.name for _, entry in trials):
+        alike = [(s, e) for s, e in trials if e.name == name]
+        thetas = [THETA0] * len(alike)
+        for iteration in range(settings[0].iterations):
+            thetas = improve(alike, iteration, thetas)
+        for (setting, _), theta in zip(alike, thetas, strict=True):
+            label = f"best of {name} on {robot.name}"
+            show(setting, f"{name}_best_robot", theta, label)
+
+
+def begin(setting: Setting) -> None:
+    """Name the robot, and walk theta0 on it."""
+    folder, robot = setting.folder, setting.robot
     name_robot(folder, robot)
     runs.write_policy(folder / "policies", "theta0", THETA0, {"by": "hand"})
     confirm(setting, Candidate("theta0", 0, 0, "best", THETA0))
     show(setting, "theta0_robot", THETA0, f"theta0 on {robot.name}")
-    for entry in entries(setting):
-        theta = THETA0
-        for iteration in range(settings.iterations):
-            theta = improve(setting, entry, iteration, theta)
-        label = f"best of {entry.name} on {robot.name}"
-        show(setting, f"{entry.name}_best_robot", theta, label)
 
 
 def entries(setting: Setting) -> list[Entry]:
@@ -69,18 +104,37 @@ def name_robot(folder: Path, robot: Robot) -> None:
     runs.write_json(path, {"name": robot.name, **robot.constants()})
 
 
-def improve(setting: Setting, entry: Entry, iteration: int, theta: Array) -> Array:
-    """One iteration of one entry; return the best walk on the robot, or `theta`."""
+def improve(
+    trials: Sequence[tuple[Setting, Entry]], iteration: int, thetas: Sequence[Array]
+) -> list[Array]:
+    """One iteration of one entry in all trials.
+
+    Returns:
+        Each trial's best walk on the robot, or the theta that it began with.
+    """
+    each = list(zip(trials, thetas, strict=True))
+    if trials[0][1].name == ORACLE:
+        found = [oracle(setting, iteration, theta) for (setting, _), theta in each]
+    else:
+        jobs = [job_of(*trial, iteration, theta) for trial, theta in each]
+        setting = trials[0][0]
+        found = optimise_all(jobs, setting.settings, setting.progress)
+    return [
+        judged(setting, candidates, theta)
+        for ((setting, _), theta), candidates in zip(each, found, strict=True)
+    ]
+
+
+def job_of(setting: Setting, entry: Entry, iteration: int, theta: Array) -> Job:
+    """Collect, ground, and return what is to be searched."""
     plain = entry.world is setting.world
-    if entry.name == ORACLE:
-        return judged(setting, oracle(setting, iteration, theta), theta)
     owner = "" if iteration == 0 else f"_{entry.name}"  # theta0 is everybody's
     robot_log = collect(setting, setting.robot, f"robot_{iteration}{owner}", theta)
     owner = owner if plain else f"_{entry.name}"  # an extended world walks for itself
     simulator = Simulator(entry.world)
     simulator_log = collect(setting, simulator, f"simulator_{iteration}{owner}", theta)
     grounding = ground(setting, entry, iteration, theta, (robot_log, simulator_log))
-    job = Job(
+    return Job(
         folder=setting.folder,
         method=entry.name,
         iteration=iteration,
@@ -89,8 +143,6 @@ def improve(setting: Setting, entry: Entry, iteration: int, theta: Array) -> Arr
         key=setting.key(3, iteration),
         check_key=setting.key(4, iteration),
     )
-    candidates = optimise(job, setting.settings, setting.progress)
-    return judged(setting, candidates, theta)
 
 
 def judged(setting: Setting, candidates: list[Candidate], theta: Array) -> Array:

@@ -15,7 +15,7 @@ import jax
 import numpy as np
 
 from gatjax import search
-from gatjax.loop.optimise import generation
+from gatjax.loop.steps import generation
 from gatjax.runs import Progress
 from gatjax.settings import LoopSettings, SearchSettings
 from gatjax.sim.lighter import lighter

@@ -1,0 +1,106 @@
+"""One generation of a search, for one trial or for many at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gatjax import search
+from gatjax.loop.memory import frugal
+from gatjax.settings import LoopSettings
+from gatjax.sim.backend import costs, prepare
+from gatjax.sim.lighter import lighter
+from gatjax.sim.world import World, stacked
+
+Share = Callable[[search.Evaluate], search.Evaluate]
+Steps = Callable[
+    [list[int], list[search.SearchState], int],
+    list[tuple[search.SearchState, search.GenerationInfo]],
+]
+"""(which trials, their states, number of the generation) -> their new states, infos."""
+
+
+def unshared(evaluate: search.Evaluate) -> search.Evaluate:
+    """Leave all policies to this host."""
+    return evaluate
+
+
+def searched(settings: LoopSettings, world: World) -> World:
+    """Return the world that a search runs in, lighter if the settings say so."""
+    return lighter(world) if settings.model == "light" else world
+
+
+def generation(
+    settings: LoopSettings,
+    world: World,
+    space: search.Space,
+    share: Share = unshared,
+    say: Callable[[str], None] = print,
+    lift: Callable[[search.Generation], search.Generation] = lambda one: one,
+) -> search.Generation:
+    """Return one generation: a single compiled call on mjx, on one host.
+
+    Where it does not fit into the device's memory it takes several turns, and says so.
+
+    Args:
+        settings: of the run.
+        world: what is searched in, as `searched` returns it.
+        space: that is searched.
+        share: makes of what evaluates policies here what evaluates them on all hosts.
+        say: shows a line to the user.
+        lift: of the generation before it is compiled, on mjx.
+    """
+    wanted = settings.search
+
+    def build(turns: int) -> search.Generation:
+        backend = prepare(world, settings.backend, settings.impl, turns)
+        if backend.compiled and share is unshared:
+            return jax.jit(lift(search.generation(space, wanted, costs(backend))))
+        return search.host_generation(space, wanted, share(costs(backend)))
+
+    return frugal(build, wanted.population * wanted.rollouts, say)
+
+
+def apart(step: search.Generation, values: Any) -> Steps:
+    """One generation of one trial."""
+
+    def run(due: list[int], states: list, number: int) -> list:
+        return [step(states[0], values, np.int32(number))]
+
+    return run
+
+
+def together(
+    settings: LoopSettings,
+    worlds: Sequence[World],
+    space: search.Space,
+    say: Callable[[str], None],
+) -> Steps:
+    """One generation of many trials in a single compiled call.
+
+    Args:
+        settings: of the runs.
+        worlds: of the trials, which differ in the values of their effects alone.
+        space: of one of them; each state carries its own.
+        say: shows a line to the user.
+    """
+    light = [searched(settings, world) for world in worlds]
+    step = generation(settings, light[0], space, say=say,
+                      lift=lambda one: jax.vmap(one, in_axes=(0, 0, None)))  # fmt: skip
+
+    def run(due: list[int], states: list, number: int) -> list:
+        state = jax.tree.map(lambda *leaves: jnp.stack(leaves), *states)
+        values = stacked([light[index].values for index in due])
+        result = step(state, values, np.int32(number))
+        return [_of(result, place) for place in range(len(due))]
+
+    return run
+
+
+def _of(tree: Any, place: int) -> Any:
+    """One of stacked trees."""
+    return jax.tree.map(lambda leaf: leaf[place], tree)
