@@ -22,8 +22,9 @@ from gatjax.runs import read_json, read_table
 DRAWS = 10_000  # of the bootstrap
 CHOSEN = "chosen"  # kind of the winner, walked again with fresh seeds
 COLUMNS = (
-    "method", "trials", "gain %", "failures", "best gen.", "paper's",
-    "gain %, failed 0", "stood", "winners afresh %", "falls %",
+    "method", "trials", "gain, %", "failures", "best generation",
+    "paper: gain, failures, generation", "gain, failed ones 0, %",
+    "stood 10 fresh walks", "gain on those, %", "falls, %",
 )  # fmt: skip
 TESTS = ("paired", "trials", "gain %", "p", "fails less to more often", "p")
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from gatjax import loop, processors
 from gatjax.sim.backend import default_backend
+from gatjax.sim.versions import mismatch
 from gatjax.sim.world import nominal
 from gatjax.surrogate import ROBOTS, make_robot
 from gatjax.task import Task
@@ -30,6 +31,7 @@ def examine() -> Iterator[tuple[str, str]]:
             yield package, importlib.metadata.version(package)
         except importlib.metadata.PackageNotFoundError:
             yield package, "missing; pip install gatjax again"
+    yield "versions", mismatch() or "go together"
     yield "devices", ", ".join(str(device) for device in jax.devices())
     warp = importlib.util.find_spec("warp") is not None
     hint = "present" if warp else "absent (pip install 'gatjax[warp]' on NVIDIA)"

@@ -20,6 +20,7 @@ from gatjax.records import Outcome, Sensed, Signal, Trajectory
 from gatjax.robot.model import slots as find_slots
 from gatjax.sim import episode
 from gatjax.sim.actuation import State, actuation
+from gatjax.sim.versions import mismatch
 from gatjax.sim.world import Values, World, dropped_by_mjx, fields_applied
 
 Array = Any
@@ -41,6 +42,9 @@ def check_machine(impl: str) -> None:
     """Raise if this machine can't run an implementation of MJX."""
     if impl not in ("jax", "warp"):
         raise ValueError(f"impl {impl!r} is unknown; choose from ['jax', 'warp']")
+    apart = mismatch()
+    if apart is not None:
+        raise ValueError(apart)
     if impl == "warp":
         if importlib.util.find_spec("warp") is None:
             raise ValueError("impl 'warp' needs warp-lang; pip install 'gatjax[warp]'")
