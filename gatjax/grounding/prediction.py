@@ -28,6 +28,7 @@ class Windows(NamedTuple):
     angle: Array  # [W, T, J] rad
     qpos: Array  # [W, nq] physics state at the sample after the warm-up
     qvel: Array  # [W, nv]
+    row: Array  # [W] int, of the recording: the sample at which the physics starts
 
 
 def _spin(before: Array, after: Array, seconds: float) -> Array:
@@ -121,7 +122,7 @@ def cut(
     base = base_poses(world, recording)
     generator = np.random.default_rng(seed)
     runs = [
-        (run, base[recording.trajectory == run.trajectory])
+        (run, np.flatnonzero(recording.trajectory == run.trajectory))
         for run in to_arrays(recording, JOINTS)
         if run.trajectory in held_out and len(run.time) > length + 1
     ]
@@ -129,7 +130,7 @@ def cut(
         raise ValueError("no held-out trajectory is long enough to test predictions on")
     pieces = []
     for number in range(count):
-        run, pose = runs[number % len(runs)]
+        run, rows = runs[number % len(runs)]
         first = generator.integers(0, len(run.time) - length)
         now = first + WARM  # sample at which the physics starts
         pieces.append(
@@ -137,14 +138,15 @@ def cut(
                 run.command[first : first + length],
                 run.angle[first : first + length + 1],
                 run.angle[now - 2 : now + 1],
-                pose[now - 2 : now + 1],
+                base[rows[now - 2 : now + 1]],
+                rows[now],
             )
         )
-    command, angle, around, pose = (
+    command, angle, around, pose, row = (
         np.stack(part) for part in zip(*pieces, strict=True)
     )
     qpos, qvel = _state(world, around, pose, seconds)
-    return Windows(command, angle, qpos, qvel)
+    return Windows(command, angle, qpos, qvel, row)
 
 
 def errors(backend: Backend, values: Any, windows: Windows, seconds: float) -> dict:
