@@ -159,8 +159,9 @@ def drawn(results: dict[str, Any], file: Path) -> None:
     contact.set_xticks(np.arange(2) + 0.2, list(results["contact"]["gat"]))
     contact.set(ylabel="error one tick ahead, deg", xlabel="the leg")
     data.legend()
-    for axes in (data, alpha, far, contact):
+    for axes in (data, far, contact):
         axes.set_ylim(bottom=0.0)
+    alpha.set_yscale("log")
     figure.savefig(file, dpi=110)
 
 
