@@ -59,6 +59,7 @@ def test_a_run_that_is_not_done_is_refused(run, tmp_path):
     ])  # fmt: skip
     with pytest.raises(ValueError, match="gat has not walked on the robot yet"):
         trial_of(run)
+    assert set(trial_of(run, methods=["none"])) == {"none"}  # it is done
 
 
 def test_the_papers_columns():

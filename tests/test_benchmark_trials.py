@@ -24,12 +24,14 @@ def test_explained_is_a_method_among_others():
     assert settings.methods == ("gat", "sgat")
     assert settings.explain
     assert not trials.with_methods(SETTINGS, ["gat"]).explain
+    alone = trials.with_methods(SETTINGS, ["explained"])
+    assert loop.resolved(alone).methods == ()
 
 
 def test_a_trial_goes_on_with_more_methods_and_keeps_what_it_has(tmp_path):
     folder = trials.opened(tmp_path, "stiff_0", SETTINGS)
     (folder / "policies" / "theta0.json").write_text("{}")
-    more = trials.with_methods(SETTINGS, ["none", "gat", "explained"])
+    more = trials.with_methods(SETTINGS, ["gat", "explained"])
     assert trials.opened(tmp_path, "stiff_0", more) == folder
     assert (folder / "policies" / "theta0.json").read_text() == "{}"
     config = json.loads((folder / "config.json").read_text())

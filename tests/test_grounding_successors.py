@@ -1,5 +1,7 @@
 """Successors of GAT: what each learns beyond it, on data whose answer is known."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -22,14 +24,14 @@ from gatjax.grounding.learn import Grounding, grounded
 from gatjax.grounding.network import predict, raw_many
 from gatjax.grounding.sgat import SGAT, learn_spread, sgat_effect
 from gatjax.grounding.transitions import HISTORY, transitions
-from gatjax.loop import learn_grounding
+from gatjax.loop import Simulator, learn_grounding
 from gatjax.loop.ground import played
 from gatjax.records import JOINTS, Reading, Sensed, Signal
 from gatjax.robot.nao import WALKING, WALKING_JOINTS
 from gatjax.sim.backend import prepare
 from gatjax.sim.lighter import lighter
 from gatjax.sim.world import add_sensor, nominal
-from gatjax.task import Task
+from gatjax.task import Task, pose
 from gatjax.walk.parameters import THETA0
 
 PULL = 0.4  # share of the way to its target that a joint makes in a tick
@@ -218,3 +220,34 @@ def test_a_learned_sensor_sees_the_joints_that_are_held():
     assert set(seen) == {(len(JOINTS),)}
     np.testing.assert_allclose(changed.reading.gyro, 0.3, atol=1e-6)
     assert changed.reading.angle.shape == angle.shape
+
+
+def test_a_world_with_a_learned_sensor_plays_motions():
+    """A correction by 0.3 rad/s shows in the gyro and not in which way is up."""
+    params = sensing.template(len(WALKING))
+    shift = params.robot._replace(
+        input_scale=params.robot.input_scale + 1.0,
+        output_mean=np.full(3, 0.3, np.float32),
+    )
+    other = params.simulator._replace(input_scale=params.simulator.input_scale + 1.0)
+    params = jax.tree.map(
+        np.float32,
+        params._replace(alpha=np.float32(1.0), robot=shift, simulator=other),
+    )
+    network = params.action.forward
+    network = network._replace(
+        input_scale=network.input_scale + 1.0, output_mean=network.output_mean + 0.7
+    )
+    action = params.action._replace(forward=network, inverse=network)
+    plain = Simulator(nominal(SHORT))
+    none = Grounding("sensing", params._replace(action=action), {})
+    better = grounded(plain.world, none)
+    effect = Effect(lambda p, s: (), lambda p, state, signal: (state, signal))
+    better = dataclasses.replace(  # the gyro alone is changed
+        better, command={"grounding": effect}
+    )
+    stand = np.tile(np.asarray(pose(THETA0)), (3, 30, 1))
+    one, other = (robot.play(stand, 50.0, [0, 1, 2])
+                  for robot in (plain, Simulator(better)))  # fmt: skip
+    np.testing.assert_allclose(other.reading.gyro - one.reading.gyro, 0.3, atol=1e-5)
+    np.testing.assert_allclose(other.reading.angle, one.reading.angle, atol=1e-7)

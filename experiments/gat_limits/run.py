@@ -35,7 +35,7 @@ from gatjax.walk.parameters import HIGH, LOW, STEP, THETA0
 SIZES = (4, 8, 15, 30, 50)  # trajectories of the robot
 SEEDS = (0, 1, 2)
 ALPHAS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25)
-FAR = (0.0, 0.5, 1.0, 1.5)  # search steps from theta0 in a random direction
+FAR = (0.0, 0.5, 1.0, 1.5)  # search steps, standard deviation of each parameter
 UNSEEN, WINDOWS = 12, 240  # trajectories and pieces of them that are predicted
 LEG = ("HipRoll", "HipPitch", "KneePitch", "AnklePitch", "AnkleRoll")
 STANDS = 10.0  # N on a foot that stands

@@ -16,16 +16,15 @@ import argparse
 import dataclasses
 from pathlib import Path
 
-from gatjax.benchmark.transfer import document, read_trials, trial_of
+from gatjax.benchmark.transfer import Found, document, read_trials, trial_of
 from gatjax.benchmark.trials import EXPLAINED, run_trials, with_methods
 from gatjax.cli.progress import shown
 from gatjax.loop import resolved
-from gatjax.runs import write_json
-from gatjax.settings import LoopSettings, SearchSettings
+from gatjax.runs import read_json, write_json
+from gatjax.settings import PAPER, SearchSettings
 from gatjax.sim.backend import use_compile_cache
 from gatjax.surrogate import make_robot
 
-PAPER = LoopSettings(candidates=("best",), evaluations=10)
 REDUCED = dataclasses.replace(
     PAPER,
     robot_trajectories=30,
@@ -57,6 +56,13 @@ def asked() -> argparse.Namespace:
     return parser.parse_args()
 
 
+def keep(path: Path, robot: str, trial: int, found: dict[str, Found]) -> None:
+    """Write what a trial found, beside what it found before by other methods."""
+    before = read_json(path)["methods"] if path.exists() else {}
+    methods = before | {name: each._asdict() for name, each in found.items()}
+    write_json(path, {"robot": robot, "trial": trial, "methods": methods})
+
+
 def main() -> None:
     """Run trial after trial and write the table after each of them."""
     told = asked()
@@ -78,9 +84,8 @@ def main() -> None:
             ]
             folders = run_trials(told.out, each, make_robot(robot), shown)
             for trial, folder in zip(trials, folders, strict=True):
-                methods = {key: f._asdict() for key, f in trial_of(folder).items()}
-                facts = {"robot": robot, "trial": trial, "methods": methods}
-                write_json(results / f"{robot}_{trial}.json", facts)
+                keep(results / f"{robot}_{trial}.json", robot, trial,
+                     trial_of(folder, methods=told.methods))  # fmt: skip
             text = document(read_trials(results))
             (told.out / "table.md").write_text(text, encoding="utf-8")
     print(f"{document(read_trials(results))}\n{told.out / 'table.md'}")

@@ -21,7 +21,7 @@ import numpy as np
 from gatjax.benchmark.tables import table
 from gatjax.benchmark.trials import run_trials, with_methods
 from gatjax.cli.progress import shown
-from gatjax.runs import read_table, write_json
+from gatjax.runs import read_json, read_table, write_json
 from gatjax.settings import CONFIRMATION, LoopSettings, SearchSettings, seeds
 from gatjax.sim.backend import use_compile_cache
 from gatjax.surrogate import make_robot
@@ -98,7 +98,10 @@ def main() -> None:
     parser.add_argument("--methods", nargs="+", default=["gat"])
     told = parser.parse_args()
     use_compile_cache()
-    results: dict[str, dict[str, dict[str, Any]]] = {}
+    file = told.out / "results.json"
+    results: dict[str, dict[str, dict[str, Any]]] = (
+        read_json(file) if file.exists() else {}
+    )
     for name in told.robots:
         robot = make_robot(name)
         print(f"trials {told.trials} on {name}", flush=True)
@@ -110,11 +113,12 @@ def main() -> None:
             told.trials, run_trials(told.out, each, robot, shown), strict=True
         ):
             walks = found(folder)
+            known, key = results.get(f"{name}_{trial}", {}), "theta0 at full request"
             first = {"theta0": walks.pop("theta0")}
-            first["theta0 at full request"] = hurried(robot, trial)
+            first[key] = known.get(key) or hurried(robot, trial)
             results[f"{name}_{trial}"] = first | walks
-        write_json(told.out / "results.json", results)
-    print(f"{shown_table(results)}\n{told.out / 'results.json'}")
+        write_json(file, results)
+    print(f"{shown_table(results)}\n{file}")
 
 
 if __name__ == "__main__":

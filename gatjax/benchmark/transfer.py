@@ -50,8 +50,15 @@ class Found(NamedTuple):
         return 0.0 if self.gain is None or self.failed else self.gain
 
 
-def trial_of(run: Path, iteration: int = 0) -> dict[str, Found]:
-    """What every method of a finished run found in one iteration.
+def trial_of(
+    run: Path, iteration: int = 0, methods: Sequence[str] | None = None
+) -> dict[str, Found]:
+    """What the methods of a run found in one iteration.
+
+    Args:
+        run: folder.
+        iteration: of the loop.
+        methods: that count; all that the run has begun if left out.
 
     Raises:
         ValueError: the run has not got that far.
@@ -65,7 +72,8 @@ def trial_of(run: Path, iteration: int = 0) -> dict[str, Found]:
     for method in dict.fromkeys(row["method"] for row in rows):
         mine = [r for r in rows if (r["method"], r["iteration"]) == (method, iteration)]
         tried = [r for r in mine if r["candidate"] != CHOSEN and r["generation"] > 0]
-        if method == "theta0" or not tried:
+        left_out = methods is not None and method not in methods
+        if method == "theta0" or left_out or not tried:
             continue
         if any(row["robot_falls"] is None for row in tried):
             raise ValueError(f"{run}: {method} has not walked on the robot yet")

@@ -30,7 +30,7 @@ def with_methods(settings: LoopSettings, names: list[str]) -> LoopSettings:
 
 
 def opened(out: Path, name: str, settings: LoopSettings) -> Path:
-    """Open the run folder of a trial, new or again.
+    """Open the run folder of a trial, new or again; its config names all methods.
 
     Raises:
         ValueError: one line with the first setting that differs from before.
@@ -40,7 +40,10 @@ def opened(out: Path, name: str, settings: LoopSettings) -> Path:
     before = runs.read_json(out / name / "config.json")
     free = {field: before[field] for field in FREE}
     runs.resume_run(out / name, dataclasses.replace(settings, **free))
-    runs.write_json(out / name / "config.json", dataclasses.asdict(settings))
+    known = dict.fromkeys((*before["methods"], *settings.methods))
+    explain = before["explain"] or settings.explain
+    whole = dataclasses.replace(settings, methods=tuple(known), explain=explain)
+    runs.write_json(out / name / "config.json", dataclasses.asdict(whole))
     return out / name
 
 

@@ -48,7 +48,7 @@ ALPHAS = (1.0, 0.95, 0.9, 0.85, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1, 0.0)
 
 
 class Grounding(NamedTuple):
-    """A learned command effect."""
+    """A learned command effect, in some methods with a sensor effect."""
 
     method: str
     params: Any

@@ -32,6 +32,7 @@ HELD_OUT = 0.2  # share of the robot's trajectories that only test predictions
 GYRO = ("gyro.x", "gyro.y", "gyro.z")
 WINDOWS = 200  # pieces of 0.5 s that predictions are measured on
 STABILITY_ROLLOUTS = 20
+RETRAINING = 6  # folded into the key of walks that an inverse model learns from again
 
 
 def learn_grounding(
@@ -60,7 +61,8 @@ def learn_grounding(
 
     def play(method: str, params: Any, number: int) -> list[JointRun]:
         count = len(np.unique(simulator.trajectory))
-        keys = jax.random.split(jax.random.key(seed + number + 1), count)
+        key = jax.random.fold_in(jax.random.key(seed), RETRAINING)
+        keys = jax.random.split(jax.random.fold_in(key, number), count)
         return played(world, grounders.Grounding(method, params, {}), theta, keys)
 
     experience = Experience(
@@ -79,7 +81,17 @@ def learn_grounding(
 def played(
     world: World, grounding: grounders.Grounding, theta: Array, keys: Array
 ) -> list[JointRun]:
-    """Walk in the grounded simulator; commands are what the simulator was told."""
+    """Walk in the grounded simulator; commands are what the simulator was told.
+
+    Raises:
+        ValueError: other effects act on commands there, or the grounding draws: what
+            the simulator was told cannot be told from its log.
+    """
+    if world.command or grounding.method not in ("gat", "guided"):
+        raise ValueError(
+            f"{world.source} has effects on commands besides the grounding: choose "
+            f"another method than dagger"
+        )
     policies = np.tile(theta, (len(keys), 1))
     better = grounders.grounded(world, grounding)
     walk, _ = prepare(better, "native").rollout(better.values, policies, keys)

@@ -77,7 +77,7 @@ def total_work(settings: LoopSettings) -> float:
     evaluated = len(settings.candidates) * one.generations * settings.evaluations
     methods, rounds = len(settings.methods) + settings.explain, settings.iterations
     ceiling = ORACLE in settings.methods
-    collected = settings.robot_trajectories * (1 + (rounds - 1) * methods)
+    collected = settings.robot_trajectories * (1 + (rounds - 1) * (methods - ceiling))
     judged = CONFIRMATIONS * (methods * rounds + 1)
     robot = collected + methods * rounds * evaluated + judged
     explained = DIAGNOSIS_UNIT * settings.explain
@@ -97,7 +97,7 @@ def resolved(settings: LoopSettings) -> LoopSettings:
     """
     for name, known in (("methods", (*METHODS, ORACLE)), ("candidates", KINDS)):
         given = getattr(settings, name)
-        if not given:
+        if not given and not (name == "methods" and settings.explain):
             raise ValueError(f"no {name} given; name at least one: {' '.join(known)}")
         for each in given:
             if each not in known:

@@ -87,7 +87,18 @@ def together(
         worlds: of the trials, which differ in the values of their effects alone.
         space: of one of them; each state carries its own.
         say: shows a line to the user.
+
+    Raises:
+        ValueError: too many robots for one call of MJX-Warp.
     """
+    from gatjax.sim.mjx import WORLDS
+
+    robots = len(worlds) * settings.search.population * settings.search.rollouts
+    if settings.impl == "warp" and robots > WORLDS:
+        raise ValueError(
+            f"{len(worlds)} trials are {robots} robots, one call of MJX-Warp holds "
+            f"{WORLDS}; run fewer trials at a time"
+        )
     light = [searched(settings, world) for world in worlds]
     step = generation(settings, light[0], space, say=say,
                       lift=lambda one: jax.vmap(one, in_axes=(0, 0, None)))  # fmt: skip

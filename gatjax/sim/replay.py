@@ -219,7 +219,8 @@ def _measured(
     floating = plan.world.model.nq > 6 and plan.world.model.jnt_type[0] == 0
     pose = rows["qpos"][..., :7] if floating else np.zeros((*seen.shape[:2], 7))
     base = Base(pose[..., :3], pose[..., 3:])
-    up = _sensed(plan, values, reading._replace(gyro=_up(plan, values, base))).gyro
+    turned = reading._replace(gyro=_up(plan, values, base))
+    up = _sensed(plan, values, turned, learned=False).gyro
     reading = _sensed(plan, values, reading)
     for drift in values.log.values() if values.log else ():
         period = plan.world.task.control_period
@@ -246,17 +247,25 @@ def _up(plan: Plan, values: Values, base: Base) -> np.ndarray:
     return up + 2.0 * (w * side + np.cross(v, side))
 
 
-def _sensed(plan: Plan, values: Values, reading: Reading) -> Reading:
+def _sensed(
+    plan: Plan, values: Values, reading: Reading, learned: bool = True
+) -> Reading:
     """Send readings [N, T, ...] through the sensor effects, row by row."""
-    names = [name for name in plan.world.sensor if name != "noise"]
+    foreign = plan.world.learned_sensors
+    names = [
+        n for n in plan.world.sensor if n != "noise" and (learned or n not in foreign)
+    ]
     if not names:
         return reading
     sensor = chain(**{name: plan.world.sensor[name] for name in names})
+    if learned and foreign:  # made for one robot: vectorised by jax
+        sensor = Effect(jax.jit(jax.vmap(sensor.init)), jax.jit(jax.vmap(sensor.apply)))
+    params = {name: values.sensor[name] for name in names}
     silent = Reading(*(np.zeros_like(leaf[:, 0]) for leaf in reading))
     first = Sensed(Reading(*(leaf[:, 0] for leaf in reading)), silent)
-    state, out = sensor.init(values.sensor, first), []
+    state, out = sensor.init(params, first), []
     for tick in range(reading.angle.shape[1]):
         now = Sensed(Reading(*(leaf[:, tick] for leaf in reading)), silent)
-        state, sensed = sensor.apply(values.sensor, state, now)
+        state, sensed = sensor.apply(params, state, now)
         out.append(sensed.reading)
     return Reading(*(np.stack(leaves, axis=1) for leaves in zip(*out, strict=True)))
