@@ -17,11 +17,12 @@ import dataclasses
 from pathlib import Path
 
 from gatjax.benchmark.transfer import Found, document, read_trials, trial_of
-from gatjax.benchmark.trials import EXPLAINED, run_trials, with_methods
+from gatjax.benchmark.trials import run_trials, with_methods
 from gatjax.cli.progress import shown
 from gatjax.loop import resolved
+from gatjax.loop.explain import EXPLAINED
 from gatjax.runs import read_json, write_json
-from gatjax.settings import PAPER, SearchSettings
+from gatjax.settings import DEMO, PAPER
 from gatjax.sim.backend import use_compile_cache
 from gatjax.surrogate import make_robot
 
@@ -30,7 +31,7 @@ REDUCED = dataclasses.replace(
     robot_trajectories=30,
     simulator_trajectories=30,
     evaluations=5,
-    search=SearchSettings(population=40, rollouts=4, generations=6),
+    search=DEMO.search,
 )
 SIZES = {"reduced": REDUCED, "paper": PAPER}
 METHODS = ["none", "envelope", "guided", "gat", "dagger", "sgat", "sensing"]

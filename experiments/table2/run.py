@@ -22,7 +22,7 @@ from gatjax.benchmark.tables import table
 from gatjax.benchmark.trials import run_trials, with_methods
 from gatjax.cli.progress import shown
 from gatjax.runs import read_json, read_table, write_json
-from gatjax.settings import CONFIRMATION, LoopSettings, SearchSettings, seeds
+from gatjax.settings import CONFIRMATION, DEMO, LoopSettings, seeds
 from gatjax.sim.backend import use_compile_cache
 from gatjax.surrogate import make_robot
 from gatjax.task import Task
@@ -32,9 +32,7 @@ PAPER = LoopSettings(
     candidates=("best",), robot_trajectories=15, simulator_trajectories=15,
     evaluations=5, iterations=2,
 )  # fmt: skip
-REDUCED = dataclasses.replace(
-    PAPER, search=SearchSettings(population=40, rollouts=4, generations=6)
-)
+REDUCED = dataclasses.replace(PAPER, search=DEMO.search)
 SIZES = {"reduced": REDUCED, "paper": PAPER}
 FULL = 1.0  # forward request, where every other walk has 0.75
 CM = 100.0

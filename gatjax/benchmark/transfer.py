@@ -16,11 +16,11 @@ from scipy import stats
 
 from gatjax.benchmark.tables import table
 from gatjax.report.intervals import Interval, share_interval
+from gatjax.report.read import CHOSEN
 from gatjax.report.tables import PAPER
 from gatjax.runs import read_json, read_table
 
 DRAWS = 10_000  # of the bootstrap
-CHOSEN = "chosen"  # kind of the winner, walked again with fresh seeds
 COLUMNS = (
     "method", "trials", "gain, %", "failures", "best generation",
     "paper: gain, failures, generation", "gain, failed ones 0, %",

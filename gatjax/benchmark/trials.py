@@ -13,11 +13,11 @@ from pathlib import Path
 
 from gatjax import loop, runs
 from gatjax.loop import Robot
+from gatjax.loop.explain import EXPLAINED
 from gatjax.report import build_report
 from gatjax.settings import LoopSettings
 
 FREE = ("methods", "explain")  # settings that may differ when a trial goes on
-EXPLAINED = "explained"  # the name of GAT after a diagnosis among methods
 
 Shown = Callable[[float], AbstractContextManager[runs.Progress]]
 """Units of work -> progress to be told of them."""
