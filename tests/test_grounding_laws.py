@@ -160,13 +160,23 @@ def test_alpha_is_the_largest_that_does_not_fall():
 
     def falls(candidate):
         tried.append(candidate.facts["alpha"])
-        return int(candidate.params.alpha > 0.72)
+        return 0.5 * (candidate.params.alpha > 0.72)
 
     chosen = grounders.largest_stable_alpha(params, falls)
-    assert chosen.facts["alpha"] == 0.7
+    assert chosen.facts == {"alpha": 0.7, "falls": 0.0}
     assert tried == sorted(tried, reverse=True)
     with pytest.raises(ValueError, match="even without grounding"):
-        grounders.largest_stable_alpha(params, lambda candidate: 1)
+        grounders.largest_stable_alpha(params, lambda candidate: 1.0)
+
+
+def test_alpha_of_a_walk_that_always_falls_sometimes_is_where_it_falls_least():
+    params = grounders.Grounding("envelope", _envelope(), {})
+
+    def falls(candidate):
+        return 0.5 if candidate.params.alpha < 0.55 else 0.3 + candidate.params.alpha / 2
+
+    chosen = grounders.largest_stable_alpha(params, falls)
+    assert chosen.facts == {"alpha": 0.5, "falls": 0.5}
 
 
 def _envelope():

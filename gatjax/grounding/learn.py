@@ -101,23 +101,39 @@ def with_alpha(grounding: Grounding, alpha: float) -> Grounding:
 
 
 def largest_stable_alpha(
-    grounding: Grounding, falls: Callable[[Grounding], int]
+    grounding: Grounding, falls: Callable[[Grounding], float]
 ) -> Grounding:
     """Choose alpha as the paper does: as high as the walk stays stable.
 
+    A walk that falls at every alpha (one found by an earlier search may) gets the
+    highest of those where it falls least.
+
     Args:
         grounding: any grounding; `none` comes back as it is.
-        falls: counts the falls of the walk in the grounded simulator.
+        falls: share of walks that fall in the grounded simulator, 0 to 1.
+
+    Returns:
+        The grounding with that alpha; its fact `falls` is that share.
+
+    Raises:
+        ValueError: all walks fall at every alpha.
     """
     if grounding.method == "none":
         return grounding
+    least, best = 1.0, None
     for alpha in ALPHAS:
         candidate = with_alpha(grounding, alpha)
-        if falls(candidate) == 0:
-            return candidate
-    raise ValueError(
-        "the walk falls in the simulator even without grounding; check policy and model"
-    )
+        share = falls(candidate)
+        if share < least:
+            least, best = share, candidate
+        if share == 0.0:
+            break
+    if best is None:
+        raise ValueError(
+            "the walk always falls in the simulator, even without grounding; check "
+            "policy and model"
+        )
+    return best._replace(facts={**best.facts, "falls": least})
 
 
 def write_grounding(folder: Path, grounding: Grounding) -> None:

@@ -139,13 +139,13 @@ def step_error(
 def stable(
     world: World, grounding: grounders.Grounding, theta: Array, key: Array
 ) -> grounders.Grounding:
-    """Choose the largest alpha with which the walk does not fall in the simulator."""
+    """Choose the largest alpha with which the walk falls least in the simulator."""
     backend = prepare(grounders.grounded(world, grounding), "native")
     keys = jax.random.split(key, STABILITY_ROLLOUTS)
 
-    def falls(candidate: grounders.Grounding) -> int:
+    def falls(candidate: grounders.Grounding) -> float:
         values = grounders.grounded(world, candidate).values
-        return count_falls(backend, values, theta, keys)
+        return count_falls(backend, values, theta, keys) / len(keys)
 
     return grounders.largest_stable_alpha(grounding, falls)
 
