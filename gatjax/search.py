@@ -43,11 +43,9 @@ import jax.numpy as jnp
 import numpy as np
 from evosax.algorithms import CMA_ES
 
+from gatjax.ranking import Evaluate, finite, judged
 from gatjax.records import Array
 from gatjax.settings import SearchSettings
-
-DIVERGED_COST = 1e12
-"""Cost of a rollout that has none (NaN, infinite); a higher one counts as this one."""
 
 
 class Space(NamedTuple):
@@ -79,15 +77,12 @@ class GenerationInfo(NamedTuple):
     """What a person wants to know about one generation."""
 
     policies: Array  # [N, P] what was evaluated
-    costs: Array  # [N] mean over the rollouts
+    costs: Array  # [N] mean over the rollouts; see `ranking.raced`
     best_policy: Array  # [P] lowest cost of this generation: a lucky one if noisy
     best_cost: Array  # []
     mean_policy: Array  # [P] mean after this generation, clipped to the bounds
     sigma: Array  # [] after this generation and after the cap, in steps
 
-
-Evaluate = Callable[[Any, Array, Array], Array]
-"""(values, policies [N, P], keys [R]) -> costs [N, R]."""
 
 Generation = Callable[[SearchState, Any, Any], tuple[SearchState, GenerationInfo]]
 """(state, values, number of the generation) -> (state, info)."""
@@ -150,6 +145,11 @@ def checked(settings: SearchSettings) -> SearchSettings:
             raise ValueError(
                 f"search: {name} is {getattr(settings, name)}; use {least} or more"
             )
+    if not 0 <= settings.race < settings.rollouts:
+        raise ValueError(
+            f"search: race is {settings.race}; use 1 to rollouts - 1 = "
+            f"{settings.rollouts - 1}, or 0 for all rollouts"
+        )
     if not 0.0 < settings.sigma <= settings.sigma_max < float("inf"):
         raise ValueError(
             f"search: sigma {settings.sigma} must be above 0 and at most sigma_max "
@@ -211,25 +211,6 @@ def _policies(space: Space, samples: Array) -> Array:
     return jnp.clip(theta0 + step * samples, low, high)
 
 
-def policy_costs(costs: Array) -> Array:
-    """Mean cost of every policy; a rollout without a finite cost weighs DIVERGED_COST.
-
-    Args:
-        costs: [N, R], one a rollout; may hold NaN and infinities.
-
-    Returns:
-        [N], all finite.
-    """
-    return jnp.mean(_finite(costs), axis=-1)
-
-
-def _finite(costs: Array) -> Array:
-    costs = jnp.asarray(costs)
-    return jnp.where(
-        jnp.isfinite(costs), jnp.minimum(costs, DIVERGED_COST), DIVERGED_COST
-    )
-
-
 def tell(
     state: SearchState, candidates: Candidates, costs: Array
 ) -> tuple[SearchState, GenerationInfo]:
@@ -241,7 +222,7 @@ def tell(
         costs: [N], lower is better; one that is not finite ranks last.
     """
     strategy = _strategy_of(state)
-    costs = _finite(costs).astype(candidates.samples.dtype)
+    costs = finite(costs).astype(candidates.samples.dtype)
     with jax.numpy_rank_promotion("allow"):
         # evosax decomposes C in `ask` and `tell` needs the result: any key gives it.
         _, decomposed = strategy.ask(state.key, state.distribution, state.parameters)
@@ -294,13 +275,13 @@ def generation(
         The function (state, values, number of the generation) -> (state, info).
     """
     check(space)
+    judge = judged(evaluate, checked(settings))
 
     def run(state, values, number):
         _check_state(state, space, settings)
         sampling, rolling = generation_keys(state.key, number, settings.rollouts)
         candidates = ask(state, sampling)
-        costs = evaluate(values, candidates.policies, rolling)
-        return tell(state, candidates, _policy_costs_of(costs, settings))
+        return tell(state, candidates, judge(values, candidates.policies, rolling))
 
     return run
 
@@ -322,6 +303,7 @@ def host_generation(
         The function (state, values, number of the generation) -> (state, info).
     """
     check(space)
+    judge = judged(evaluate, checked(settings))
 
     @jax.jit
     def begin(state, number):
@@ -333,8 +315,8 @@ def host_generation(
     def run(state, values, number):
         _check_state(state, space, settings)
         candidates, rolling = begin(state, number)
-        costs = evaluate(values, np.asarray(candidates.policies), rolling)
-        return end(state, candidates, _policy_costs_of(costs, settings))
+        costs = judge(values, np.asarray(candidates.policies), rolling)
+        return end(state, candidates, costs)
 
     return run
 
@@ -347,13 +329,3 @@ def _check_state(state: SearchState, space: Space, settings: SearchSettings) -> 
             f"search state is for (population, parameters) {found}, the settings say "
             f"{wanted}; resume with the settings it was started with"
         )
-
-
-def _policy_costs_of(costs: Array, settings: SearchSettings) -> Array:
-    wanted = settings.population, settings.rollouts
-    if jnp.shape(costs) != wanted:
-        raise ValueError(
-            f"evaluate returned costs of shape {jnp.shape(costs)}; it must return "
-            f"[population, rollouts] = {wanted}"
-        )
-    return policy_costs(costs)

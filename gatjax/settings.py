@@ -25,6 +25,15 @@ class SearchSettings:
     generations: int = 10
     sigma: float = 0.5  # first standard deviation, in steps
     sigma_max: float = 1.5  # largest standard deviation, in steps
+    race: int = 0  # rollouts after which the worse half drops out; 0: it never does
+
+    @property
+    def walks(self) -> int:
+        """Rollouts of one generation."""
+        if not self.race:
+            return self.population * self.rollouts
+        late = self.population // 2 * (self.rollouts - self.race)
+        return self.population * self.race + late
 
 
 @dataclass(frozen=True, kw_only=True)

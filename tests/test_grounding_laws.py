@@ -173,7 +173,9 @@ def test_alpha_of_a_walk_that_always_falls_sometimes_is_where_it_falls_least():
     params = grounders.Grounding("envelope", _envelope(), {})
 
     def falls(candidate):
-        return 0.5 if candidate.params.alpha < 0.55 else 0.3 + candidate.params.alpha / 2
+        return (
+            0.5 if candidate.params.alpha < 0.55 else 0.3 + candidate.params.alpha / 2
+        )
 
     chosen = grounders.largest_stable_alpha(params, falls)
     assert chosen.facts == {"alpha": 0.5, "falls": 0.5}

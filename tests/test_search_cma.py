@@ -6,15 +6,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from gatjax.ranking import DIVERGED_COST, policy_costs
 from gatjax.search import (
-    DIVERGED_COST,
     SearchSettings,
     Space,
     ask,
     generation,
     generation_keys,
     host_generation,
-    policy_costs,
     start,
     tell,
 )

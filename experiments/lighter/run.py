@@ -22,9 +22,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from gatjax.benchmark.expected import compare
+from gatjax.ranking import policy_costs
 from gatjax.records import Outcome
 from gatjax.runs import write_json
-from gatjax.search import policy_costs
 from gatjax.sim.backend import pairs
 from gatjax.sim.lighter import lighter
 from gatjax.sim.native import Native

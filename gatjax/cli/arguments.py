@@ -173,6 +173,8 @@ class Search:
     population: int = 40
     rollouts: int = 4
     generations: int = 8
+    race: int = 0
+    """Rollouts after which the worse half of the policies drops out; 0: never."""
     model: Literal["light", "full"] = "light"
     """light: without the joints that the walk never moves; full: with all of them."""
     backend: Literal["auto", "native", "mjx"] = "auto"

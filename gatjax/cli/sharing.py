@@ -22,8 +22,8 @@ from gatjax.cli.resume import GROUNDING
 from gatjax.hosts import Crew, Task
 from gatjax.hosts.crew import Run
 from gatjax.loop.steps import Share, searched, unshared
+from gatjax.ranking import Evaluate
 from gatjax.robot.model import SHIPPED, check_walker
-from gatjax.search import Evaluate
 from gatjax.settings import LoopSettings
 from gatjax.sim.backend import costs, prepare
 from gatjax.sim.world import world_file

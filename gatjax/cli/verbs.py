@@ -141,6 +141,7 @@ def search(verb: verbs.Search) -> None:
             population=verb.population,
             rollouts=verb.rollouts,
             generations=verb.generations,
+            race=verb.race,
         )
     )
     chosen = loop.resolved(
@@ -155,7 +156,7 @@ def search(verb: verbs.Search) -> None:
     open_search(verb, settings, theta)
     keys = jax.random.split(key)
     job = loop.Job(verb.out, "search", 0, world, theta, *keys)
-    units = settings.population * settings.rollouts * settings.generations
+    units = settings.walks * settings.generations
     with shown(float(units)) as progress, sharing.opened(verb) as share:
         last = loop.optimise(job, chosen, progress, share)[-1]
     path = verb.out / "policies" / f"{last.name}.json"

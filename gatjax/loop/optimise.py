@@ -21,6 +21,7 @@ from gatjax.loop.steps import (
     together,
     unshared,
 )
+from gatjax.ranking import policy_costs
 from gatjax.records import Array
 from gatjax.runs import Progress
 from gatjax.settings import LoopSettings
@@ -135,7 +136,7 @@ def generations(
     """
     states, firsts, found = zip(*(begun(job, settings) for job in jobs), strict=True)
     states, total = list(states), settings.search.generations
-    work = unit * settings.search.population * settings.search.rollouts
+    work = unit * settings.search.walks
     progress.work(work * sum(firsts))
     if min(firsts) >= total:
         return list(found)
@@ -235,7 +236,7 @@ def verify(job: Job, candidates: list[Candidate], rollouts: int) -> None:
     rows = [
         candidate.key
         | {
-            "simulator_cost": float(search.policy_costs(result.cost[[index]])[0]),
+            "simulator_cost": float(policy_costs(result.cost[[index]])[0]),
             "simulator_velocity_m_s": float(result.velocity[index].mean()),
             "simulator_falls": int(np.isfinite(result.fell_at[index]).sum()),
         }

@@ -73,7 +73,7 @@ class Entry(NamedTuple):
 def total_work(settings: LoopSettings) -> float:
     """Work units of a whole run, for the time left."""
     one = settings.search
-    searched = one.population * one.rollouts * one.generations
+    searched = one.walks * one.generations
     evaluated = len(settings.candidates) * one.generations * settings.evaluations
     methods, rounds = len(settings.methods) + settings.explain, settings.iterations
     ceiling = ORACLE in settings.methods

@@ -11,12 +11,13 @@ import numpy as np
 
 from gatjax import search
 from gatjax.loop.memory import frugal
+from gatjax.ranking import Evaluate
 from gatjax.settings import LoopSettings
 from gatjax.sim.backend import costs, prepare
 from gatjax.sim.lighter import lighter
 from gatjax.sim.world import World, stacked
 
-Share = Callable[[search.Evaluate], search.Evaluate]
+Share = Callable[[Evaluate], Evaluate]
 Steps = Callable[
     [list[int], list[search.SearchState], int],
     list[tuple[search.SearchState, search.GenerationInfo]],
@@ -24,7 +25,7 @@ Steps = Callable[
 """(which trials, their states, number of the generation) -> their new states, infos."""
 
 
-def unshared(evaluate: search.Evaluate) -> search.Evaluate:
+def unshared(evaluate: Evaluate) -> Evaluate:
     """Leave all policies to this host."""
     return evaluate
 
