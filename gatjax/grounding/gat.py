@@ -98,6 +98,21 @@ def learn_inverse(runs: Sequence[JointRun], seed: int) -> tuple[Network, Fit]:
     return train(inputs, change, split(data, 0.15, seed), seed)
 
 
+def remembered(angle: Array, target: Array) -> Memory:
+    """Memory of joints [K] that have stood still so far."""
+    repeat = jnp.stack([angle] * HISTORY), jnp.stack([target] * HISTORY)
+    return Memory(repeat[0], repeat[1], repeat[1])
+
+
+def pushed(memory: Memory, angle: Array, target: Array, sent: Array) -> Memory:
+    """Memory one tick later: where the joints are, what was asked, what was sent."""
+    return Memory(
+        jnp.concatenate([angle[None], memory.angle[:-1]]),
+        jnp.concatenate([target[None], memory.asked[:-1]]),
+        jnp.concatenate([sent[None], memory.sent[:-1]]),
+    )
+
+
 def command_effect(joints: Array, transform: Callable) -> Effect:
     """Build the command effect of `transform(params, memory, angle, target, noise)`.
 
@@ -108,30 +123,29 @@ def command_effect(joints: Array, transform: Callable) -> Effect:
     """
 
     def init(params: Any, signal: Signal) -> Memory:
-        angle, target = signal.angle[joints], signal.target[joints]
-        repeat = jnp.stack([angle] * HISTORY), jnp.stack([target] * HISTORY)
-        return Memory(repeat[0], repeat[1], repeat[1])
+        return remembered(signal.angle[joints], signal.target[joints])
 
     def apply(params: Any, memory: Memory, signal: Signal) -> tuple[Memory, Signal]:
         angle, target = signal.angle[joints], signal.target[joints]
         changed = transform(params, memory, angle, target, signal.noise[joints])
         sent = params.alpha * changed + (1.0 - params.alpha) * target
-        memory = Memory(
-            jnp.concatenate([angle[None], memory.angle[:-1]]),
-            jnp.concatenate([target[None], memory.asked[:-1]]),
-            jnp.concatenate([sent[None], memory.sent[:-1]]),
-        )
+        memory = pushed(memory, angle, target, sent)
         return memory, signal._replace(target=signal.target.at[joints].set(sent))
 
     return Effect(init, apply)
+
+
+def joined(memory: Memory, angle: Array, target: Array) -> tuple[Array, Array]:
+    """Angles and actions, both [1 + HISTORY, K], newest first."""
+    angles = jnp.concatenate([angle[None], memory.angle])
+    return angles, jnp.concatenate([target[None], memory.asked])
 
 
 def expected(
     forward: Network, memory: Memory, angle: Array, target: Array
 ) -> tuple[Array, Array, Array]:
     """Angles and actions, both [1 + HISTORY, K], and the x_t+1 [K] that f expects."""
-    angles = jnp.concatenate([angle[None], memory.angle])
-    actions = jnp.concatenate([target[None], memory.asked])
+    angles, actions = joined(memory, angle, target)
     return angles, actions, next_angle(forward, angles, actions)
 
 

@@ -23,6 +23,10 @@ class Experience(NamedTuple):
     play: Callable[[str, Any, int], Sequence[JointRun]]
     # (method, params, number) -> runs of the policy in the simulator grounded so; their
     # commands are what the simulator was told, not what the policy asked for
+    practice: Callable[[Any, float], Any]
+    # (view, scale) -> brax.envs.Env of the policy's walk in the simulator, seen like
+    # that, whose actions times scale are added to its commands; raises ImportError
+    # without the extra `rl`
     seed: int  # of initial weights and splits
 
 
@@ -33,3 +37,4 @@ class Grounder(NamedTuple):
     learn: Callable[[Experience], tuple[Any, dict[str, Any]]]  # -> params, facts of it
     template: Callable[[int], Any]  # K -> params that are all zero, in their shapes
     sensor: Callable[[Array], Effect] | None = None  # on what the pilot is told, if any
+    needs: str | None = None  # package of an extra that learning needs

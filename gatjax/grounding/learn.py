@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import io
 import json
 import zipfile
@@ -15,9 +16,11 @@ import numpy as np
 from gatjax.effects.effect import memoryless
 from gatjax.grounding.dagger import DAGGER
 from gatjax.grounding.envelope import ENVELOPE
+from gatjax.grounding.garat import GARAT
 from gatjax.grounding.gat import GAT
 from gatjax.grounding.grounder import Experience, Grounder
 from gatjax.grounding.guided import GUIDED
+from gatjax.grounding.rgat import RGAT
 from gatjax.grounding.sensing import SENSING
 from gatjax.grounding.sgat import SGAT
 from gatjax.robot.model import joint_names
@@ -42,6 +45,8 @@ METHODS = {
     "dagger": DAGGER,
     "sgat": SGAT,
     "sensing": SENSING,
+    "rgat": RGAT,
+    "garat": GARAT,
 }
 """Ways of grounding by name."""
 ALPHAS = (1.0, 0.95, 0.9, 0.85, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1, 0.0)
@@ -62,9 +67,20 @@ def check_method(method: str) -> None:
         raise ValueError(f"method {method!r} is unknown; choose from {list(METHODS)}")
 
 
+def check_needs(method: str) -> None:
+    """Raise if a method cannot be learned on this machine."""
+    needed = METHODS[method].needs
+    if needed is not None and importlib.util.find_spec(needed) is None:
+        raise ValueError(
+            f"method {method} learns by reinforcement and needs {needed}; "
+            f"pip install 'gatjax[rl]'"
+        )
+
+
 def learn(method: str, experience: Experience) -> Grounding:
     """Learn a grounding by one of METHODS from runs under the same policy."""
     check_method(method)
+    check_needs(method)
     return Grounding(method, *METHODS[method].learn(experience))
 
 

@@ -24,7 +24,9 @@ from gatjax.grounding.grounder import Experience
 from gatjax.loop.setting import Entry, Setting
 from gatjax.records import Array, Signal
 from gatjax.robot.nao import WALKING, WALKING_JOINTS
+from gatjax.sim.actuation import actuation
 from gatjax.sim.backend import Backend, pairs, prepare
+from gatjax.sim.lighter import lighter
 from gatjax.sim.world import Values, World, write_world
 from gatjax.walk.parameters import THETA0
 
@@ -71,11 +73,21 @@ def learn_grounding(
         gyros=gyros,
         step_error=lambda: step_error(world, robot, simulator, seen, seed),
         play=play,
+        practice=functools.partial(practice, world, theta),
         seed=seed,
     )
     grounding = grounders.learn(method, experience)
     facts = {**grounding.facts, "rate_hz": world.rate_hz}
     return grounding._replace(facts=facts)
+
+
+def practice(world: World, theta: Array, view: Any, scale: float) -> Any:
+    """The walk in the simulator as a Brax environment; see `Experience.practice`."""
+    from gatjax.rl.env import Walk
+
+    light = lighter(world)
+    engine = "native" if actuation(light).plain else "mjx"
+    return Walk(light, theta, view, scale, engine)
 
 
 def played(

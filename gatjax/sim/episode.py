@@ -169,8 +169,10 @@ def draws(
 
 def control(
     world: World, values: Values, policy: Array, key: Array, go: Array
-) -> Callable[[Loop, Array, Plant], tuple[Loop, Array, Row]]:
-    """Return one control tick: (loop, tick, plant) -> (loop, target, row).
+) -> Callable[[Loop, Array, Plant], tuple[Loop, Signal, Row]]:
+    """Return one control tick: (loop, tick, plant) -> (loop, signal, row).
+
+    What the servos are told is the signal's target.
 
     `key` belongs to the run; noise is folded from it by tick, so that all policies of a
     generation meet the same disturbances.
@@ -178,7 +180,7 @@ def control(
     command, _, sensor = world.chains()
     task, kept, rest = world.task, joints_of(world.model), tasks.pose(policy)
 
-    def step(loop: Loop, tick: Array, plant: Plant) -> tuple[Loop, Array, Row]:
+    def step(loop: Loop, tick: Array, plant: Plant) -> tuple[Loop, Signal, Row]:
         sensor_noise, command_noise = draws(key, tick, plant.reading, kept)
         score = tasks.keep_score(task, go, tick, loop.score, plant.base)
         sensor_state, sensed = sensor.apply(
@@ -191,7 +193,7 @@ def control(
         signal = Signal(target[kept], angle, plant.velocity, command_noise)
         command_state, signal = command.apply(values.command, loop.command, signal)
         loop = Loop(pilot, command_state, sensor_state, score)
-        return loop, signal.target, row
+        return loop, signal, row
 
     return step
 

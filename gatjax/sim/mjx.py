@@ -20,6 +20,7 @@ from gatjax.records import Outcome, Sensed, Signal, Trajectory
 from gatjax.robot.model import slots as find_slots
 from gatjax.sim import episode
 from gatjax.sim.actuation import State, actuation
+from gatjax.sim.course import Engine, Place, course
 from gatjax.sim.versions import mismatch
 from gatjax.sim.world import Values, World, dropped_by_mjx, fields_applied
 
@@ -123,49 +124,46 @@ def _substeps(
     return advance
 
 
-def _first_signal(target: Array, plant: episode.Plant) -> Signal:
-    return Signal(target, plant.reading.angle, plant.velocity, jnp.zeros_like(target))
+def engine(world: World, impl: str = "jax", physics: Step = mjx.step) -> Engine:
+    """Return the physics of a world.
+
+    Args:
+        world: what to simulate.
+        impl: "jax" or "warp".
+        physics: (model, data) -> data one step later.
+    """
+    base_model, base_data = bare_data(world, impl)
+    where = find_slots(world.model)
+
+    def begin(qpos: Array, qvel: Array) -> Any:
+        return base_data.replace(
+            qpos=qpos.astype(base_data.qpos.dtype),
+            qvel=qvel.astype(base_data.qvel.dtype),
+        )
+
+    def see(data: Any) -> episode.Plant:
+        return episode.observe(where, data.qpos, data.qvel, data.sensordata)
+
+    def advance(values: Values, data: Any, state: State, target: Array) -> tuple:
+        model = _with_fields(base_model, values.body)
+        return _substeps(world, values, model, physics)(data, state, target)
+
+    return Engine(begin, see, advance)
 
 
 def _run(world: World, impl: str, keep: Callable, physics: Step = mjx.step) -> Callable:
-    base_model, base_data = bare_data(world, impl)
-    where = find_slots(world.model)
-    servos = actuation(world)
+    track = course(world, engine(world, impl, physics))
 
     def run(values: Values, policy: Array, key: Array) -> tuple[Any, episode.Loop]:
         values, policy = _float(values), _float(policy)
-        model = _with_fields(base_model, values.body)
-        start_key, noise_key = jax.random.split(key)
-        begin = episode.start(world, where, policy, start_key)
-        data = base_data.replace(
-            qpos=begin.qpos.astype(base_data.qpos.dtype),
-            qvel=begin.qvel.astype(base_data.qvel.dtype),
-        )
 
-        def see(data: Any) -> episode.Plant:
-            return episode.observe(where, data.qpos, data.qvel, data.sensordata)
+        def tick(place: Place, _: None) -> tuple:
+            place, signal, row = track.look(values, policy, place)
+            return track.move(values, place, signal.target), keep(row)
 
-        def encoded(state: State, plant: episode.Plant) -> episode.Plant:
-            angle = servos.seen(values, state, plant.reading.angle)
-            return plant._replace(reading=plant.reading._replace(angle=angle))
-
-        plant = see(data)
-        loop = episode.open_loop(world, values, policy, plant)
-        stand = episode.tasks.pose(policy)[episode.joints_of(world.model)]
-        signal = _first_signal(stand, plant)
-        state = servos.init(values, signal)
-        control = episode.control(world, values, policy, noise_key, begin.go)
-        advance = _substeps(world, values, model, physics)
-
-        def tick(carry: tuple, index: Array) -> tuple:
-            loop, data, state = carry
-            loop, target, row = control(loop, index, encoded(state, see(data)))
-            data, state = advance(data, state, target)
-            return (loop, data, state), keep(row)
-
-        ticks = jnp.arange(world.task.ticks, dtype=jnp.int32)
-        (loop, _, _), rows = jax.lax.scan(tick, (loop, data, state), ticks)
-        return rows, loop
+        place = track.begin(values, policy, key)
+        place, rows = jax.lax.scan(tick, place, None, length=world.task.ticks)
+        return rows, place.loop
 
     return run
 

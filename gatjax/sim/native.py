@@ -37,6 +37,7 @@ from gatjax.sim.world import Values, World, fields_applied
 Array = Any
 SMALLEST = 64  # rows of a compiled batch
 FEW = 100  # geoms of which all pairs are looked at sooner than trees of them are built
+UNREAD = mujoco.mjtDisableBit.mjDSBL_SENSOR.value
 INVERTED = 8  # iterations that undo what encoders do to an angle
 
 
@@ -112,7 +113,8 @@ class Native:
         plant = episode.observe(self._where, qpos, qvel, sensors)
         angle = self._servos.seen(values, motor, plant.reading.angle)
         plant = plant._replace(reading=plant.reading._replace(angle=angle))
-        return control(loop, tick, plant)
+        loop, signal, row = control(loop, tick, plant)
+        return loop, signal.target, row
 
     def _motor_one(
         self, values: Values, state: State, target: Array, angle: Array,
@@ -151,7 +153,8 @@ class Native:
 
     # batches
 
-    def _batch(self, values: Values, size: int) -> Any:
+    def batch(self, values: Values, size: int) -> Any:
+        """Return what steps so many robots, with the field changes of these values."""
         model = fields_applied(dataclasses.replace(self.world, values=values))
         # A run that diverges must stay so: MuJoCo would set it up again, standing.
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
@@ -160,25 +163,29 @@ class Native:
             model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MIDPHASE
         return self._engine(model, nsim=size)
 
+    def play(self, physics: Any, target: Array, ids: Any = None) -> None:
+        """Play one control tick where no effect acts in motors or joints.
+
+        Sensors are read after the last step, so they are left out of the others.
+        """
+        last, flags = self.world.substeps - 1, physics.expand("opt.disableflags")
+        physics.ctrl[:] = np.asarray(target)
+        flags |= UNREAD
+        if last:
+            physics.step(ids=ids, nstep=last)
+        flags &= ~UNREAD
+        physics.step(ids=ids)
+
     def _advance(
         self, physics: Any, motor: Callable, state: State, target: Array,
         ids: Any, stiffness: Array,
     ) -> State:  # fmt: skip
-        """Play one control tick; `motor` is one step of the motor and joint effects.
-
-        Sensors are read after the last step, so they are left out of the others.
-        """
-        last, dofs = self.world.substeps - 1, self._where.velocity
-        unread = mujoco.mjtDisableBit.mjDSBL_SENSOR.value
-        flags = physics.expand("opt.disableflags")
-        flags |= unread
+        """Play one control tick; `motor` is one step of the motor and joint effects."""
         if self._servos.plain:
-            physics.ctrl[:] = np.asarray(target)
-            if last:
-                physics.step(ids=ids, nstep=last)
-            flags &= ~unread
-            physics.step(ids=ids)
+            self.play(physics, target, ids)
             return state
+        dofs, flags = self._where.velocity, physics.expand("opt.disableflags")
+        flags |= UNREAD
         for step in range(self.world.substeps):
             angle, velocity = (
                 physics.qpos[:, self._where.position],
@@ -191,8 +198,8 @@ class Native:
                 physics.expand("dof_frictionloss")[:, dofs] = np.asarray(push.friction)
             if push.armature is not None:
                 physics.expand("dof_armature")[:, dofs] = np.asarray(push.armature)
-            if step == last:
-                flags &= ~unread
+            if step == self.world.substeps - 1:
+                flags &= ~UNREAD
             physics.step(ids=ids)
         return state
 
@@ -206,7 +213,7 @@ class Native:
         begin, loop, motor, noise_keys = self.begin(values, policies, keys[rows])
         real = jnp.arange(len(rows)) < count
         loop = loop._replace(score=loop.score._replace(alive=real))
-        physics = self._batch(values, len(rows))
+        physics = self.batch(values, len(rows))
         servos = functools.partial(self._motor, values)
         physics.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
         physics.qpos[:], physics.qvel[:] = begin.qpos, begin.qvel
@@ -287,7 +294,7 @@ class Native:
         Returns:
             Joint angles [B, T - W, J] after each tick as the encoders report them, rad.
         """
-        physics = self._batch(values, len(commands))
+        physics = self.batch(values, len(commands))
         physics.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
         physics.qpos[:], physics.qvel[:] = qpos, qvel
         servos = functools.partial(self._motor, values)

@@ -1,0 +1,1 @@
+"""Reinforcement learning in the walk world: a Brax environment, and Brax's PPO."""

@@ -1,0 +1,202 @@
+"""The walk world as a Brax environment, PPO, and groundings that learn by it."""
+
+import importlib.util
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from brax.envs.base import Env, State
+
+from gatjax.grounding import garat, learn, reinforced
+from gatjax.grounding.gat import forward_inputs, joined, pushed, remembered
+from gatjax.grounding.reinforced import correction_effect
+from gatjax.records import Signal
+from gatjax.rl import ppo
+from gatjax.rl.env import View, Walk
+from gatjax.robot.nao import WALKING_JOINTS
+from gatjax.sim import called, mjx
+from gatjax.sim.course import course
+from gatjax.sim.lighter import lighter
+from gatjax.sim.native import Native
+from gatjax.sim.world import add_cause, nominal
+from gatjax.task import Task
+from gatjax.walk.parameters import THETA0
+
+SHORT = Task(settle=0.1, longest_delay=0.04, duration=0.6)
+JOINTS = len(WALKING_JOINTS)
+VIEW = View(
+    size=reinforced.inputs_of(JOINTS),
+    begin=lambda signal: remembered(signal.angle, signal.target),
+    look=lambda memory, signal, reading: forward_inputs(
+        *joined(memory, signal.angle, signal.target)
+    ),
+    push=lambda memory, signal, sent: pushed(memory, signal.angle, signal.target, sent),
+)
+
+
+@pytest.fixture(scope="module")
+def world():
+    return lighter(nominal(SHORT))
+
+
+def walked(world, engine, keys):
+    """Positions [B, T, 3] of walks inside one compiled call."""
+    track = course(world, engine)
+    policy = jnp.asarray(THETA0, float)
+
+    def run(key):
+        def tick(place, _):
+            place, signal, row = track.look(world.values, policy, place)
+            return track.move(world.values, place, signal.target), row.base.position
+
+        begin = track.begin(world.values, policy, key)
+        return jax.lax.scan(tick, begin, None, length=world.task.ticks)[1]
+
+    return np.asarray(jax.jit(jax.vmap(run))(keys))
+
+
+def test_called_back_mujoco_walks_as_the_native_backend_does(world):
+    keys = jax.random.split(jax.random.key(0), 6)
+    found = walked(world, called.engine(world), keys)
+    native, _ = Native(world).rollout(world.values, np.tile(THETA0, (6, 1)), keys)
+    alive = np.asarray(native.alive).all(0)
+    assert alive.sum() > 30
+    off = np.abs(found - np.asarray(native.base.position))[:, alive]
+    assert np.median(off) < 1e-5
+    assert off.max() < 5e-3
+
+
+def test_a_world_with_effects_in_its_motors_is_refused_there(world):
+    softer = add_cause(world, "torque_limit", ["all"], 0.5)
+    lagging = add_cause(softer, "backlash", ["LKneePitch"], 0.02)
+    with pytest.raises(ValueError, match="learn in it with mjx"):
+        called.engine(lagging)
+
+
+def test_rewards_of_a_plain_walk_add_up_to_its_cost(world):
+    env, keys = Walk(world, THETA0, VIEW, 0.05), jax.random.split(jax.random.key(1), 4)
+
+    def episode(key):
+        def step(state, _):
+            state = env.step(state, jnp.zeros(JOINTS))
+            return state, (state.reward, state.done)
+
+        state = env.reset(key)
+        return jax.lax.scan(step, state, None, length=world.task.ticks - 1)[1]
+
+    words = jax.random.key_data(keys)
+    reward, done = jax.jit(jax.vmap(episode))(words)
+    found = Native(world).outcome(world.values, np.tile(THETA0, (4, 1)), keys)
+    assert not np.asarray(done).any()
+    assert np.abs(found.velocity).min() > 0.01
+    np.testing.assert_allclose(-reward.sum(1), found.cost, atol=2e-3)
+
+
+def test_an_action_is_added_to_its_joint_and_to_no_other(world):
+    env = Walk(world, THETA0, VIEW, 0.05)
+    state = env.reset(jax.random.key_data(jax.random.key(2)))
+    knee = WALKING_JOINTS.index("LKneePitch")
+    action = jnp.zeros(JOINTS).at[knee].set(1.0)
+    step = jax.jit(env.step)
+    bent, plain = step(state, action), step(state, jnp.zeros(JOINTS))
+    moved = bent.obs[:JOINTS] - plain.obs[:JOINTS]  # the joint angles now
+    assert moved[knee] > 0.01
+    assert np.abs(moved).argmax() == knee
+    sent = bent.pipeline_state.memory.sent[0] - plain.pipeline_state.memory.sent[0]
+    np.testing.assert_allclose(sent, 0.05 * action, atol=1e-6)
+
+
+def test_a_robot_that_falls_ends_its_episode_and_pays(world):
+    env = Walk(world, THETA0, VIEW, 2.0)
+    state, step = env.reset(jax.random.key_data(jax.random.key(3))), jax.jit(env.step)
+    action = jnp.zeros(JOINTS).at[WALKING_JOINTS.index("LAnklePitch")].set(1.0)
+    rewards = []
+    for _ in range(world.task.ticks - 1):
+        state = step(state, action)
+        rewards.append(float(state.reward))
+        if state.done:
+            break
+    assert state.done
+    assert rewards[-1] < -14.0
+    assert min(rewards[:-1]) > -1.0
+
+
+class Target(Env):
+    """The action should be a function of what is seen."""
+
+    def reset(self, rng):
+        seen = jax.random.normal(jax.random.wrap_key_data(rng), (3,))
+        zero = jnp.zeros(())
+        return State(seen, seen, zero, zero, {})
+
+    def step(self, state, action):
+        reward = 1.0 - jnp.sum((action - 0.5 * jnp.tanh(state.obs[:2])) ** 2)
+        seen = jnp.sin(7.0 * state.obs + 1.0)
+        return state.replace(pipeline_state=seen, obs=seen, reward=reward)
+
+    observation_size, action_size, backend = 3, 2, "mjx"
+
+
+def test_ppo_learns_from_rewards_that_it_is_given_or_that_the_world_gives():
+    plan = ppo.Plan(rounds=25, robots=32, ticks=40, unroll=10, rate=2e-3, discount=0.1)
+    scale = ppo.Scale(np.zeros(3), np.ones(3))
+    first, *_, last = ppo.trained(Target(), scale, plan, 0)
+    assert first.reward < 0.75
+    assert last.reward > 0.93
+    assert first.fell == last.fell == 0.0
+
+    def opposite(walks):
+        return 1.0 - ((walks.action + 0.3) ** 2).sum(-1)
+
+    *_, last = ppo.trained(Target(), scale, plan, 0, opposite)
+    seen = jax.random.normal(jax.random.key(4), (100, 3))
+    assert (
+        np.abs(np.asarray(jax.vmap(ppo.act, (None, 0))(last.policy, seen)) + 0.3).mean()
+        < 0.1
+    )
+
+
+def test_a_correction_is_what_its_network_says():
+    draw = np.random.default_rng(0)
+    params = reinforced.template(JOINTS)._replace(alpha=np.float32(0.5))
+    bias = draw.normal(size=JOINTS)
+    params = params._replace(biases=(*params.biases[:-1], bias))
+    effect = correction_effect(np.arange(JOINTS))
+    signal = Signal(*jnp.asarray(draw.normal(size=(4, JOINTS)), float))
+    state = effect.init(params, signal)
+    _, changed = effect.apply(params, state, signal)
+    expected = signal.target + 0.5 * reinforced.CORRECTION * bias
+    np.testing.assert_allclose(changed.target, expected, rtol=1e-5)
+
+
+def test_the_discriminator_pays_for_what_looks_like_the_robot():
+    draw = np.random.default_rng(1)
+    robot, other = draw.normal(size=(900, 5)), draw.normal(size=(900, 5))
+    robot[:, 4] = robot[:, 0] + 0.1 * robot[:, 4]
+    other[:, 4] = -other[:, 0] + 0.1 * other[:, 4]
+    judge = garat.Discriminator(robot, 0)
+    for _ in range(5):
+        judge.rewards(other)
+    assert judge.accuracy > 0.9
+    again = judge._standard(robot)
+    paid = np.asarray(jax.nn.softplus(judge._logits(judge._layers, again))).mean()
+    assert paid > 5.0 * judge.rewards(other).mean()
+
+
+def test_methods_that_need_brax_say_so(monkeypatch):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(ValueError, match=r"rgat .* needs brax; pip install 'gatjax"):
+        learn.check_needs("rgat")
+    learn.check_needs("gat")
+
+
+def test_on_mjx_the_environment_is_the_same(world):
+    native, other = (
+        jax.jit(Walk(world, THETA0, VIEW, 0.05, engine).reset)(
+            jax.random.key_data(jax.random.key(5))
+        )
+        for engine in ("native", "mjx")
+    )
+    np.testing.assert_allclose(native.obs, other.obs, atol=1e-5)
+    assert mjx.engine(world) is not None
