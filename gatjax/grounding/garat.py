@@ -10,7 +10,6 @@ which is never negative, so a fall does not pay.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -97,25 +96,20 @@ def _logits(layers: Any, rows: Array) -> Array:
     return (rows @ weight + bias[None])[:, 0]
 
 
-def judge(
-    experience: Experience,
-) -> tuple[Discriminator, Callable[[Array, Array, int], Array]]:
-    """Return a discriminator, and what rewards walks by it."""
-    robot = np.concatenate(samples(transitions(experience.robot)), axis=-1)
-    discriminator = Discriminator(robot, experience.seed)
-
-    def rewards(inputs: Array, later: Array, number: int) -> Array:
-        change = later - inputs[:, : later.shape[-1]]
-        return discriminator.rewards(np.concatenate([inputs, change], axis=-1))
-
-    return discriminator, rewards
-
-
 def learn(experience: Experience) -> tuple[Correction, dict[str, Any]]:
     """Learn to move the simulator so that it passes for the robot."""
-    discriminator, rewards = judge(experience)
-    params, facts = reinforced(experience, rewards, ROUNDS)
-    return params, facts | {"unmasked": discriminator.accuracy}
+    robot = np.concatenate(samples(transitions(experience.robot)), axis=-1)
+    discriminator = Discriminator(robot, experience.seed)
+    unmasked = []
+
+    def rewards(inputs: Array, later: Array) -> Array:
+        change = later - inputs[:, : later.shape[-1]]
+        paid = discriminator.rewards(np.concatenate([inputs, change], axis=-1))
+        unmasked.append(discriminator.accuracy)
+        return paid
+
+    params, _ = reinforced(experience, rewards, ROUNDS)[-1]
+    return params, {"unmasked": [unmasked[0], max(unmasked), unmasked[-1]]}
 
 
 GARAT = Grounder(effect=correction_effect, learn=learn, template=template, needs="brax")

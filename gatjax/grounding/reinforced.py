@@ -77,15 +77,18 @@ def template(joints: int) -> Correction:
 
 
 def reinforced(
-    experience: Experience, rewards: Callable[[Array, Array, Array], Array], rounds: int
-) -> tuple[Correction, dict[str, Any]]:
+    experience: Experience, rewards: Callable[[Array, Array], Array], rounds: int
+) -> list[tuple[Correction, float]]:
     """Train the correction.
 
     Args:
         experience: what is learned from.
-        rewards: (inputs [S, I], next angles [S, K] rad, round) -> rewards [S], 0 or
-            more, since a fall ends them.
+        rewards: (inputs [S, I], next angles [S, K] rad) -> rewards [S], 0 or more,
+            since a fall ends them; called once a round.
         rounds: of PPO, each with 64 walks of 4 s.
+
+    Returns:
+        What walked in every round, and its mean reward.
 
     Raises:
         ImportError: there is no Brax.
@@ -105,22 +108,19 @@ def reinforced(
         ),
     )
     walk, plan = experience.practice(view, CORRECTION), ppo.Plan(rounds=rounds)
-    number, curve = 0, []
-    policy: Any = None
 
     def judged(walks: Any) -> Array:
         flat = np.asarray(walks.observation).reshape(-1, view.size)
         later = np.asarray(walks.next_observation)[..., :count].reshape(-1, count)
-        return np.reshape(rewards(flat, later, number), np.shape(walks.reward))
+        return np.reshape(rewards(flat, later), np.shape(walks.reward))
 
-    for found in ppo.trained(walk, scale, plan, experience.seed, judged):
-        number, policy = number + 1, found.policy
-        curve.append(round(found.reward, 4))
-    params = Correction(
-        np.float32(1.0), np.float32(scale.mean), np.float32(scale.deviation),
-        *jax.tree.map(np.asarray, (policy.weights, policy.biases)),
-    )  # fmt: skip
-    return params, {"reward": curve}
+    found = []
+    for one in ppo.trained(walk, scale, plan, experience.seed, judged):
+        layers = jax.tree.map(np.asarray, (one.policy.weights, one.policy.biases))
+        mean, deviation = map(np.float32, scale)
+        params = Correction(np.float32(1.0), mean, deviation, *layers)
+        found.append((params, one.reward))
+    return found
 
 
 def _look(memory: Memory, signal: Signal, reading: Any) -> Array:

@@ -44,10 +44,9 @@ def learn(experience: Experience) -> tuple[Correction, dict[str, Any]]:
         off = (later - _expected(forward, inputs, later.shape[-1])) / width[None]
         return jnp.exp(-0.5 * off**2).mean(-1)
 
-    params, facts = reinforced(
-        experience, lambda inputs, later, number: agreement(inputs, later), ROUNDS
-    )
-    return params, {"forward": fit._asdict(), **facts}
+    found = reinforced(experience, agreement, ROUNDS)
+    params, best = max(found, key=lambda one: one[1])
+    return params, {"forward": fit._asdict(), "reward": [found[0][1], best]}
 
 
 def _expected(forward: Network, inputs: Array, joints: int) -> Array:

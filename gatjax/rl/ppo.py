@@ -29,6 +29,7 @@ CRITIC = (128, 128)
 Params: Any = losses.PPONetworkParams
 PPONetworks: Any = ppo_networks.PPONetworks
 CLIP, SPREAD, CLIPPED_NORM = 0.2, 0.95, 1.0  # PPO's epsilon, lambda; gradient norm
+PACE, RATES = 1.5, (1e-5, 5e-3)  # how fast Adam's rate changes, and its bounds
 FAR = 8.0  # standard deviations at which observations are cut off
 
 
@@ -38,11 +39,12 @@ class Plan(NamedTuple):
     rounds: int = 60
     robots: int = 64  # episodes of a round
     ticks: int = 200  # of an episode; a multiple of `unroll`
-    unroll: int = 20  # ticks after which the critic takes over
-    minibatches: int = 8  # of a round; divides robots x ticks / unroll
+    unroll: int = 10  # ticks after which the critic takes over
+    minibatches: int = 16  # of a round; divides robots x ticks / unroll
     epochs: int = 4
-    rate: float = 5e-4  # of Adam
-    discount: float = 0.9
+    rate: float = 1e-3  # of Adam, at first
+    step: float = 0.02  # nats that the policy shall change by in a round
+    discount: float = 0.5
     deviation: float = 0.3  # first standard deviation of an action
     entropy: float = 0.0
 
@@ -65,7 +67,7 @@ class Learned(NamedTuple):
 class Round(NamedTuple):
     """What one round was like."""
 
-    policy: Learned
+    policy: Learned  # that walked
     walks: Transition  # [N, unroll, ...] what was tried
     reward: float  # mean of a tick, as it was learned from
     fell: float  # share of ticks that ended in a fall
@@ -99,13 +101,9 @@ def trained(
     params = Params(
         policy=nets.policy_network.init(first), value=nets.value_network.init(second)
     )
-    descent = optax.chain(
-        optax.clip_by_global_norm(CLIPPED_NORM), optax.adam(plan.rate)
-    )
-    state, scale = (
-        descent.init(params),
-        jax.tree.map(lambda leaf: jnp.asarray(leaf, float), scale),
-    )
+    descent = optax.inject_hyperparams(_descent)(rate=plan.rate)
+    state = descent.init(params)
+    scale = jax.tree.map(lambda leaf: jnp.asarray(leaf, float), scale)
     collect = jax.jit(_collector(wrap(env, plan.ticks), nets, plan))
     improve = jax.jit(_improver(nets, descent, plan))
     for number in range(plan.rounds):
@@ -113,10 +111,25 @@ def trained(
         walks = collect(params, scale, walking)
         if rewards is not None:  # a fall ends what can be earned
             walks = walks._replace(reward=rewards(walks) * walks.discount)
-        params, state = improve(params, scale, state, walks, learning)
-        ended = 1.0 - np.asarray(walks.discount)
+        tried, ended = params.policy, 1.0 - np.asarray(walks.discount)
+        params, state, far = improve(params, scale, state, walks, learning)
+        state = _paced(state, float(far), plan.step)
         fell = float(np.mean(ended - walks.extras["state_extras"]["truncation"]))
-        yield Round(params.policy, walks, float(np.mean(walks.reward)), fell)
+        yield Round(tried, walks, float(np.mean(walks.reward)), fell)
+
+
+def _descent(rate: float) -> optax.GradientTransformation:
+    return optax.chain(optax.clip_by_global_norm(CLIPPED_NORM), optax.adam(rate))
+
+
+def _paced(state: Any, far: float, wanted: float) -> Any:
+    """Change Adam's rate where a round went more than twice as far as wanted, or less.
+
+    Adaptive penalties of Schulman et al. (section 4), here of the rate; in nats.
+    """
+    change = 1.0 / PACE if far > 2.0 * wanted else PACE if far < wanted / 2.0 else 1.0
+    rate = jnp.clip(state.hyperparams["rate"] * change, *RATES)
+    return state._replace(hyperparams={**state.hyperparams, "rate": rate})
 
 
 def _networks(env: Env, plan: Plan) -> Any:
@@ -187,7 +200,7 @@ def _by_piece(leaf: Array) -> Array:
 
 
 def _improver(nets: Any, descent: Any, plan: Plan) -> Callable:
-    """(params, scale, state of Adam, walks, key) -> params, state of Adam."""
+    """(params, scale, state of Adam, walks, key) -> params, state of Adam, nats."""
 
     def loss(params: Any, scale: Scale, walks: Transition, key: Array) -> Array:
         return losses.compute_ppo_loss(
@@ -214,6 +227,15 @@ def _improver(nets: Any, descent: Any, plan: Plan) -> Callable:
         rows = orders.reshape(plan.epochs * plan.minibatches, -1)
         with jax.numpy_rank_promotion("allow"):
             (params, state, _), _ = jax.lax.scan(descend, (params, state, key), rows)
-        return params, state
+            new = nets.policy_network.apply(scale, params.policy, walks.observation)
+            old = walks.extras["policy_extras"]["distribution_params"]
+            return params, state, _divergence(old, new)
 
     return improve
+
+
+def _divergence(old: Any, new: Any) -> Array:
+    """Mean Kullback-Leibler divergence of normal (mean, deviation) [..., A], nats."""
+    (mean, deviation), (later, wide) = old, new
+    square = (deviation**2 + (later - mean) ** 2) / (2.0 * wide**2)
+    return jnp.mean(jnp.sum(jnp.log(wide / deviation) + square - 0.5, axis=-1))
