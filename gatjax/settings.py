@@ -48,7 +48,9 @@ class LoopSettings:
     """Groundings to compare, in this order: of none, envelope, guided, gat, dagger
     (GAT whose inverse model is retrained where the grounded simulator goes), sgat (GAT
     that samples from a stochastic forward model), sensing (GAT and a correction of the
-    gyro). And oracle: a search on the robot itself, the ceiling."""
+    gyro), rgat and garat (one network by reinforcement: rewarded for following GAT's
+    forward model, or for passing for the robot; they need gatjax[rl] and minutes). And
+    oracle: a search on the robot itself, the ceiling."""
     explain: bool = False
     """Diagnose the robot first, and compare GAT in the simulation extended by that."""
     iterations: int = 1

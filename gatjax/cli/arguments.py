@@ -149,7 +149,9 @@ class Ground:
     """Recording of the simulator, same policy (gatjax collect --robot simulator)."""
     out: Path
     """Folder to write; its world.json is a simulation, for --world."""
-    method: Literal["envelope", "guided", "gat", "dagger", "sgat", "sensing"] = "gat"
+    method: Literal[
+        "envelope", "guided", "gat", "dagger", "sgat", "sensing", "rgat", "garat"
+    ] = "gat"
     policy: Path | None = None
     """Policy of the recordings, for choosing alpha; theta0 if left out."""
     map: Path | None = None

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import jax
 import numpy as np
 
-from gatjax.grounding.learn import METHODS
+from gatjax.grounding.learn import METHODS, check_needs
 from gatjax.records import Array, Outcome, Trajectory
 from gatjax.runs import Progress
 from gatjax.search import checked
@@ -106,6 +106,9 @@ def resolved(settings: LoopSettings) -> LoopSettings:
                 )
         if len(set(given)) != len(given):
             raise ValueError(f"{name} {given} name one twice; name each once")
+    for method in settings.methods:
+        if method != ORACLE:
+            check_needs(method)
     for name in ("iterations", "evaluations"):
         if getattr(settings, name) < 1:
             raise ValueError(f"{name} is {getattr(settings, name)}; use 1 or more")

@@ -33,11 +33,14 @@ STAND_INS = {
     "#01020f": "--sgat",
     "#010210": "--sensing",
     "#010211": "--oracle",
+    "#010212": "--rgat",
+    "#010213": "--garat",
 }
 COLOURS = {variable[2:]: stand_in for stand_in, variable in STAND_INS.items()}
 MARKERS = {
     "none": "o", "envelope": "^", "guided": "D", "gat": "s", "explained": "P",
     "dagger": "v", "sgat": "<", "sensing": ">", "oracle": "*",
+    "rgat": "X", "garat": "d",
 }  # fmt: skip
 STYLE: dict[Any, Any] = {
     "svg.fonttype": "none",

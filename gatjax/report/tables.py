@@ -24,6 +24,8 @@ LABELS = {
     "dagger": "GAT, retrained",
     "sgat": "stochastic GAT",
     "sensing": "GAT and gyro",
+    "rgat": "reinforced GAT",
+    "garat": "adversarial GAT",
     "explained": "GAT after diagnosis",
     "oracle": "search on the robot",
     THETA0: "theta0",
