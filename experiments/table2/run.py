@@ -49,15 +49,24 @@ def hurried(robot: Any, seed: int) -> dict[str, float]:
     }
 
 
-def found(folder: Path) -> dict[str, dict[str, Any]]:
-    """Speeds of theta0 and of what each iteration of each method chose."""
+def found(folder: Path) -> dict[str, Any]:
+    """Speeds of theta0 and of what each iteration of each method chose.
+
+    None where no candidate stood in all of its walks.
+    """
     rows = read_table(folder / "metrics.csv")
     known = {(r["method"], r["iteration"], r["generation"], r["candidate"]): r
              for r in rows}  # fmt: skip
     base = known["theta0", 0, 0, "best"]
-    told = {"theta0": {"cm_s": CM * base["robot_velocity_m_s"],
-                       "falls": base["robot_falls"]}}  # fmt: skip
+    told: dict[str, Any] = {
+        "theta0": {
+            "cm_s": CM * base["robot_velocity_m_s"],
+            "falls": base["robot_falls"],
+        }
+    }
     for row in rows:
+        if row["candidate"] == "best" and row["method"] != "theta0":
+            told.setdefault(f"{row['method']} theta{row['iteration'] + 1}", None)
         if row["candidate"] == "chosen":
             name = f"{row['method']} theta{row['iteration'] + 1}"
             first = known[row["method"], row["iteration"], row["generation"], "best"]
@@ -69,12 +78,15 @@ def found(folder: Path) -> dict[str, dict[str, Any]]:
     return told
 
 
-def shown_table(results: dict[str, dict[str, dict[str, Any]]]) -> str:
+def shown_table(results: dict[str, dict[str, Any]]) -> str:
     """One line a robot, trial and walk: speed on fresh walks, and gain over theta0."""
     lines = []
     for run, walks in results.items():
         base = walks["theta0"]["cm_s"]
         for name, row in walks.items():
+            if row is None:
+                lines.append((run, name, "none stood", "", "", ""))
+                continue
             picked, gain = row.get("chosen_on_cm_s"), 100.0 * (row["cm_s"] / base - 1.0)
             lines.append((
                 run, name, f"{row['cm_s']:.1f}", f"{gain:+.1f}",
@@ -97,9 +109,7 @@ def main() -> None:
     told = parser.parse_args()
     use_compile_cache()
     file = told.out / "results.json"
-    results: dict[str, dict[str, dict[str, Any]]] = (
-        read_json(file) if file.exists() else {}
-    )
+    results: dict[str, dict[str, Any]] = read_json(file) if file.exists() else {}
     for name in told.robots:
         robot = make_robot(name)
         print(f"trials {told.trials} on {name}", flush=True)
