@@ -1,5 +1,6 @@
 """The walk world as a Brax environment, PPO, and groundings that learn by it."""
 
+import functools
 import importlib.util
 
 import jax
@@ -8,18 +9,30 @@ import numpy as np
 import pytest
 from brax.envs.base import Env, State
 
-from gatjax.grounding import garat, learn, reinforced
-from gatjax.grounding.gat import forward_inputs, joined, pushed, remembered
+from gatjax.data.trajectories import JointRun
+from gatjax.effects.effect import Effect
+from gatjax.grounding import garat, learn, reinforced, rgat
+from gatjax.grounding.gat import (
+    forward_inputs,
+    joined,
+    learn_forward,
+    next_angle_of,
+    pushed,
+    remembered,
+)
+from gatjax.grounding.grounder import Experience
 from gatjax.grounding.reinforced import correction_effect
+from gatjax.grounding.transitions import transitions
+from gatjax.loop.ground import practice
 from gatjax.records import Signal
 from gatjax.rl import ppo
 from gatjax.rl.env import View, Walk
-from gatjax.robot.nao import WALKING_JOINTS
-from gatjax.sim import called, mjx
+from gatjax.robot.nao import WALKING, WALKING_JOINTS
+from gatjax.sim import called
 from gatjax.sim.course import course
 from gatjax.sim.lighter import lighter
 from gatjax.sim.native import Native
-from gatjax.sim.world import add_cause, nominal
+from gatjax.sim.world import add_cause, add_command, nominal
 from gatjax.task import Task
 from gatjax.walk.parameters import THETA0
 
@@ -197,4 +210,65 @@ def test_on_mjx_the_environment_is_the_same(world):
         for engine in ("native", "mjx")
     )
     np.testing.assert_allclose(native.obs, other.obs, atol=1e-5)
-    assert mjx.engine(world) is not None
+
+
+@pytest.fixture(scope="module")
+def experience():
+    """Logs of a robot that does nine tenths of what it is told, and of the simulator."""
+    plain = nominal(SHORT)
+    lazy = Effect(
+        init=lambda params, signal: (),
+        apply=lambda params, state, signal: (
+            state, signal._replace(target=0.9 * signal.target + 0.1 * signal.angle),
+        ),
+    )  # fmt: skip
+    keys, policies = jax.random.split(jax.random.key(7), 6), np.tile(THETA0, (6, 1))
+    logs = []
+    for one in (add_command(plain, "lazy", lazy, ()), plain):
+        walk, _ = Native(one).rollout(one.values, policies, keys)
+        rows = zip(walk.time, walk.command, walk.reading.angle, strict=True)
+        logs.append([
+            JointRun(number, time, command[:, WALKING], angle[:, WALKING])
+            for number, (time, command, angle) in enumerate(rows)
+        ])  # fmt: skip
+    return Experience(
+        robot=logs[0], simulator=logs[1], gyros=None, step_error=None, play=None,
+        practice=functools.partial(practice, plain, THETA0), seed=0,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("method", ["rgat", "garat"])
+def test_a_grounding_by_reinforcement_is_learned_kept_and_used(
+    method, experience, monkeypatch, tmp_path
+):
+    small = functools.partial(ppo.Plan, robots=8, ticks=30, minibatches=4)
+    monkeypatch.setattr(ppo, "Plan", small)
+    monkeypatch.setattr(garat if method == "garat" else rgat, "ROUNDS", 4)
+    grounding = learn.learn(method, experience)
+    learn.write_grounding(tmp_path, grounding)
+    again = learn.read_grounding(tmp_path)
+    world = nominal(SHORT)
+    keys, policies = jax.random.split(jax.random.key(8), 2), THETA0[None]
+    speeds = []
+    for one in (grounding, again, learn.with_alpha(grounding, 0.0)):
+        better = learn.grounded(world, one)
+        speeds.append(
+            Native(better).outcome(better.values, policies.repeat(2, 0), keys)
+        )
+    np.testing.assert_allclose(speeds[0].velocity, speeds[1].velocity, atol=1e-4)
+    plain = Native(world).outcome(world.values, policies.repeat(2, 0), keys)
+    np.testing.assert_allclose(speeds[2].velocity, plain.velocity, atol=1e-4)
+    assert np.abs(speeds[0].velocity - plain.velocity).max() > 1e-4
+    if method == "rgat":
+        first, best = grounding.facts["reward"]
+        assert 0.0 < first <= best < 1.0
+    else:
+        assert all(0.0 <= share <= 1.0 for share in grounding.facts["unmasked"])
+
+
+def test_rgat_pays_for_the_angle_that_f_expects(experience):
+    forward, _ = learn_forward(experience.robot, 0)
+    data = transitions(experience.robot)
+    inputs = forward_inputs(data.angle, data.action)
+    found = rgat._expected(forward, inputs, JOINTS)
+    np.testing.assert_allclose(found, next_angle_of(forward, data), atol=1e-6)

@@ -28,7 +28,7 @@ from gatjax.grounding.reinforced import (
 from gatjax.grounding.transitions import transitions
 
 Array = Any
-ROUNDS = 60
+ROUNDS = 80
 LEAST = 1e-4  # rad, least error that counts as the simulator's own
 
 

@@ -30,6 +30,7 @@ Params: Any = losses.PPONetworkParams
 PPONetworks: Any = ppo_networks.PPONetworks
 CLIP, SPREAD, CLIPPED_NORM = 0.2, 0.95, 1.0  # PPO's epsilon, lambda; gradient norm
 PACE, RATES = 1.5, (1e-5, 5e-3)  # how fast Adam's rate changes, and its bounds
+FARTHEST = 4.0  # times the wanted change of a policy in a round
 FAR = 8.0  # standard deviations at which observations are cut off
 
 
@@ -43,7 +44,7 @@ class Plan(NamedTuple):
     minibatches: int = 16  # of a round; divides robots x ticks / unroll
     epochs: int = 4
     rate: float = 1e-3  # of Adam, at first
-    step: float = 0.02  # nats that the policy shall change by in a round
+    step: float = 0.15  # nats that the policy shall change by in a round
     discount: float = 0.5
     deviation: float = 0.3  # first standard deviation of an action
     entropy: float = 0.0
@@ -112,7 +113,9 @@ def trained(
         if rewards is not None:  # a fall ends what can be earned
             walks = walks._replace(reward=rewards(walks) * walks.discount)
         tried, ended = params.policy, 1.0 - np.asarray(walks.discount)
-        params, state, far = improve(params, scale, state, walks, learning)
+        later, moved, far = improve(params, scale, state, walks, learning)
+        if far < FARTHEST * plan.step:  # else the round is taken back
+            params, state = later, moved
         state = _paced(state, float(far), plan.step)
         fell = float(np.mean(ended - walks.extras["state_extras"]["truncation"]))
         yield Round(tried, walks, float(np.mean(walks.reward)), fell)
