@@ -73,9 +73,9 @@ def raced(judge: Judge, first: int) -> Judge:
         first: rollouts of all policies, below R.
 
     Returns:
-        The same function: of the better half (rounded down) the mean over R rollouts;
-        the others come behind them in the order of their first ones, by as much as
-        they were behind there.
+        The same function: of the better half (rounded down) the mean over R rollouts,
+        of the others that over their first ones, with what the other rollouts changed
+        at the median of the better half. So who falls late comes behind who is slow.
     """
 
     def race(values: Any, policies: Array, keys: Array) -> Array:
@@ -85,7 +85,7 @@ def raced(judge: Judge, first: int) -> Judge:
         late = judge(values, policies[chosen], keys[first:])
         share = first / len(keys)
         whole = share * early[kept] + (1.0 - share) * late
-        behind = jnp.max(whole) + early - early[kept[-1]]
-        return behind.at[kept].set(whole)
+        others = early + jnp.median(whole - early[kept])
+        return others.at[kept].set(whole)
 
     return race
