@@ -26,7 +26,10 @@ COLUMNS = (
     "paper: gain, failures, generation", "gain, failed ones 0, %",
     "stood 10 fresh walks", "gain on those, %", "falls, %",
 )  # fmt: skip
-TESTS = ("paired", "trials", "gain %", "p", "fails less to more often", "p")
+TESTS = (
+    "paired", "trials", "gain, %", "p of that", "gain on fresh walks, %",
+    "p of that", "fails less to more often", "p of that",
+)  # fmt: skip
 
 
 class Found(NamedTuple):
@@ -48,6 +51,11 @@ class Found(NamedTuple):
     def useful(self) -> float:
         """Gain in %, nothing for a trial that failed: theta0 stays then."""
         return 0.0 if self.gain is None or self.failed else self.gain
+
+    @property
+    def kept(self) -> float:
+        """Gain in % on fresh walks, nothing for a trial that failed."""
+        return 0.0 if self.confirmed is None or self.failed else self.confirmed
 
 
 def trial_of(
@@ -150,6 +158,8 @@ class Paired(NamedTuple):
     trials: int
     difference: Interval  # % of theta0's speed: mean of this minus the other
     p: float  # two-sided; sign flips of the differences, all of them up to 16 trials
+    kept: Interval  # the same of gains on fresh walks
+    p_kept: float
     fewer: int  # trials in which only the other failed
     more: int  # trials in which only this one failed
     p_failures: float  # two-sided exact McNemar
@@ -168,8 +178,11 @@ def paired(these: Sequence[Found], others: Sequence[Found], seed: int = 0) -> Pa
     more = sum(a.failed and not b.failed for a, b in zip(these, others, strict=True))
     told = fewer + more
     p_failures = stats.binomtest(fewer, told).pvalue if told else 1.0
-    return Paired(len(apart), mean(apart.tolist(), seed), _flipped(apart, seed),
-                  fewer, more, float(p_failures))  # fmt: skip
+    kept = np.array([a.kept - b.kept for a, b in zip(these, others, strict=True)])
+    return Paired(
+        len(apart), mean(apart.tolist(), seed), _flipped(apart, seed),
+        mean(kept.tolist(), seed), _flipped(kept, seed), fewer, more, float(p_failures),
+    )  # fmt: skip
 
 
 def _flipped(apart: np.ndarray, seed: int) -> float:
@@ -221,8 +234,8 @@ def _section(robot: str, trials: dict[int, dict[str, Found]], against: str) -> s
             test = paired([e[method] for e in both], [e[against] for e in both])
             tests.append((
                 f"{method} - {against}", f"{test.trials}", _shown(test.difference),
-                f"{test.p:.3f}", f"{test.fewer} to {test.more}",
-                f"{test.p_failures:.3f}",
+                f"{test.p:.3f}", _shown(test.kept), f"{test.p_kept:.3f}",
+                f"{test.fewer} to {test.more}", f"{test.p_failures:.3f}",
             ))  # fmt: skip
     parts = [f"## Simulator to {robot}", table(COLUMNS, lines)]
     parts += [table(TESTS, tests)] if tests else []

@@ -37,8 +37,8 @@ from gatjax.grounding.transitions import transitions
 Array = Any
 ROUNDS = 80
 HIDDEN = (128, 128)
-STEPS, BATCH, RATE = 30, 512, 5e-4  # of the discriminator in a round
-BLUR = 0.3  # deviation of noise on what it learns from, in deviations of the robot's
+STEPS, BATCH, RATE = 15, 512, 5e-4  # of the discriminator in a round
+BLUR = 1.0  # deviation of noise on what it learns from, in deviations of the robot's
 SURE = 8.0  # largest logit that counts
 DECAY = 1e-3  # of its weights: it shall not learn samples by heart
 
