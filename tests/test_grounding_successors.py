@@ -56,7 +56,10 @@ def many(count, first=0, **how):
 
 
 def experience(robot, simulator, gyros=None, play=None):
-    return Experience(robot, simulator, gyros, lambda: np.zeros(2), play, seed=0)
+    return Experience(
+        robot, simulator, gyros, step_error=lambda: np.zeros(2), play=play,
+        practice=None, seed=0, tell=print,
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="module")

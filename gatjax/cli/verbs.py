@@ -95,7 +95,7 @@ def ground(verb: verbs.Ground) -> None:
     with shown(3.0) as progress:
         progress.stage(f"{verb.method}: learn from {robot.name}")
         grounding = loop.learn_grounding(
-            world, verb.method, robot, simulator, verb.seed, theta
+            world, verb.method, robot, simulator, verb.seed, theta, progress.stage
         )
         facts = grounding.facts | {"rate_hz": world.rate_hz}
         progress.work(1.0)

@@ -28,6 +28,7 @@ class Experience(NamedTuple):
     # that, whose actions times scale are added to its commands; raises ImportError
     # without the extra `rl`
     seed: int  # of initial weights and splits
+    tell: Callable[[str], None]  # shows a line about what goes on, where it takes long
 
 
 class Grounder(NamedTuple):

@@ -31,6 +31,7 @@ from gatjax.records import Signal
 
 Array = Any
 CORRECTION = 0.05  # rad that an action of 1 adds to a command
+TOLD = 10  # rounds after which a line is shown
 LEAST = 1e-4  # rad, least deviation of an input
 FAR = 8.0  # standard deviations at which inputs are cut off
 
@@ -120,6 +121,8 @@ def reinforced(
         mean, deviation = map(np.float32, scale)
         params = Correction(np.float32(1.0), mean, deviation, *layers)
         found.append((params, one.reward))
+        if len(found) % TOLD == 0:
+            experience.tell(f"PPO in the simulator, round {len(found)} of {rounds}")
     return found
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,7 @@ def learn_grounding(
     simulator: Recording,
     seed: int,
     theta: Array = THETA0,
+    tell: Callable[[str], None] = print,
 ) -> grounders.Grounding:
     """Learn a grounding from whole recordings, but for the held-out trajectories.
 
@@ -54,6 +56,7 @@ def learn_grounding(
         simulator: recording of the simulator under the same policy.
         seed: of initial weights and splits.
         theta: [15] that policy, for methods that let the simulator walk again.
+        tell: shows a line about what goes on, of methods that take minutes.
     """
     seen, _ = split_by_trajectory(robot.trajectory, HELD_OUT, seed)
     runs_of = functools.partial(to_arrays, joints=WALKING_JOINTS)
@@ -75,6 +78,7 @@ def learn_grounding(
         play=play,
         practice=functools.partial(practice, world, theta),
         seed=seed,
+        tell=tell,
     )
     grounding = grounders.learn(method, experience)
     facts = {**grounding.facts, "rate_hz": world.rate_hz}
@@ -240,7 +244,11 @@ def ground(
         return grounders.read_grounding(folder)
     setting.progress.stage(f"{entry.name}: ground the simulator")
     seed, world = setting.settings.seed, entry.world
-    grounding = learn_grounding(world, entry.grounder, *logs, seed, theta)
+
+    def tell(text: str) -> None:
+        setting.progress.stage(f"{entry.name}: {text}")
+
+    grounding = learn_grounding(world, entry.grounder, *logs, seed, theta, tell)
     grounding = stable(world, grounding, theta, setting.key(2, iteration))
     grounding = helpful(world, grounding, logs[0], seed)
     facts = {"method": entry.name, "iteration": iteration}
