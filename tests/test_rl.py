@@ -187,9 +187,9 @@ def test_the_discriminator_pays_for_what_looks_like_the_robot():
     robot[:, 4] = robot[:, 0] + 0.1 * robot[:, 4]
     other[:, 4] = -other[:, 0] + 0.1 * other[:, 4]
     judge = garat.Discriminator(robot, 0)
-    for _ in range(5):
+    for _ in range(40):
         judge.rewards(other)
-    assert judge.accuracy > 0.9
+    assert judge.accuracy > 0.8  # of samples that it sees blurred
     seen = judge._logits(judge._layers, judge._standard(robot))
     assert garat.SURE + np.mean(seen) > 2.0 * judge.rewards(other).mean() > 0.0
 

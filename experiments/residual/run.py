@@ -31,7 +31,7 @@ from gatjax.sim.world import World, nominal
 from gatjax.task import Task
 from gatjax.walk.parameters import THETA0
 
-SEED, FRESH, ROUNDS = 20280, 100, 120
+SEED, FRESH, ROUNDS = 20280, 100, 80
 SCALE = 0.05  # rad that an action of 1 adds
 JOINTS = len(WALKING_JOINTS)
 LIKE = np.repeat([0.5, 0.1, 0.05, 0.5], [JOINTS, JOINTS, JOINTS, 3])
