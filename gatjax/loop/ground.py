@@ -26,7 +26,7 @@ from gatjax.loop.setting import Entry, Setting
 from gatjax.records import Array, Signal
 from gatjax.robot.nao import WALKING, WALKING_JOINTS
 from gatjax.sim.actuation import actuation
-from gatjax.sim.backend import Backend, pairs, prepare
+from gatjax.sim.backend import Backend, default_backend, pairs, prepare
 from gatjax.sim.lighter import lighter
 from gatjax.sim.world import Values, World, write_world
 from gatjax.walk.parameters import THETA0
@@ -90,7 +90,8 @@ def practice(world: World, theta: Array, view: Any, scale: float) -> Any:
     from gatjax.rl.env import Walk
 
     light = lighter(world)
-    engine = "native" if actuation(light).plain else "mjx"
+    called = default_backend() == "native" and actuation(light).plain
+    engine = "native" if called else "mjx"
     return Walk(light, theta, view, scale, engine)
 
 
