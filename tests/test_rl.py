@@ -191,7 +191,7 @@ def test_the_discriminator_pays_for_what_looks_like_the_robot():
         judge.rewards(other)
     assert judge.accuracy > 0.8  # of samples that it sees blurred
     seen = judge._logits(judge._layers, judge._standard(robot))
-    assert garat.SURE + np.mean(seen) > 2.0 * judge.rewards(other).mean() > 0.0
+    assert garat.SURE + np.mean(seen) > 1.0 + judge.rewards(other).mean() > 1.0
 
 
 def test_methods_that_need_brax_say_so(monkeypatch):
