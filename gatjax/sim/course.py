@@ -50,7 +50,6 @@ class Course(NamedTuple):
 def course(world: World, engine: Engine) -> Course:
     """Return the parts of a run of one robot in a world."""
     where, servos = find_slots(world.model), actuation(world)
-    kept = episode.joints_of(world.model)
 
     def begin(values: Values, policy: Array, key: Array) -> Place:
         start_key, noise_key = jax.random.split(key)
@@ -58,7 +57,8 @@ def course(world: World, engine: Engine) -> Course:
         data = engine.begin(start.qpos, start.qvel)
         plant = engine.see(data)
         loop = episode.open_loop(world, values, policy, plant)
-        stand, still = tasks.pose(policy)[kept], jnp.zeros_like(plant.velocity)
+        stand = tasks.pose(policy)[episode.joints_of(world.model)]
+        still = jnp.zeros_like(plant.velocity)
         first = Signal(stand, plant.reading.angle, plant.velocity, still)
         noise = jax.random.key_data(noise_key)
         return Place(loop, data, servos.init(values, first), noise, start.go,
