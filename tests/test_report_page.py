@@ -295,7 +295,7 @@ def test_an_old_report_survives_a_failed_write(tmp_path, monkeypatch):
     def full(*_):
         raise OSError(28, "no space left on device")
 
-    monkeypatch.setattr("gatjax.runs.files.os.replace", full)
+    monkeypatch.setattr("gatjax.files.os.replace", full)
     with pytest.raises(OSError, match="no space"):
         build_report(folder)
     assert (folder / "report.html").read_text() == "old"

@@ -9,8 +9,18 @@ from typing import Any
 
 from gatjax import __version__
 from gatjax.cli import threads  # noqa: F401 before numpy is loaded
-from gatjax.cli.arguments import BenchDiagnose, Import, Run, Search, parse
+from gatjax.cli.arguments import (
+    BenchDiagnose,
+    Collect,
+    Deploy,
+    Import,
+    Run,
+    Search,
+    SimulateNao,
+    parse,
+)
 from gatjax.cli.interrupts import heeded
+from gatjax.hardware.links import is_hardware
 
 STOPPED, FAILED = 130, 1  # exit codes: Ctrl-C, an error
 EXPECTED = (ValueError, OSError, RuntimeError, ImportError)  # their text is for users
@@ -75,6 +85,10 @@ def _kept(chosen: Any) -> str:
     if isinstance(chosen, Run):
         folder = f"--out {chosen.out}" if chosen.run is None else f"--run {chosen.run}"
         return f"`gatjax run --resume {folder}` goes on"
-    if isinstance(chosen, Search | BenchDiagnose):
+    if isinstance(chosen, Search | BenchDiagnose | Deploy):
         return "the same command goes on"
+    if isinstance(chosen, SimulateNao):
+        return "the simulated NAO is gone"
+    if isinstance(chosen, Collect) and is_hardware(chosen.robot):
+        return "the same command goes on after the walks that are there"
     return "nothing was kept"

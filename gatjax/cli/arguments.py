@@ -58,8 +58,10 @@ class Collect:
 
     out: Path
     """Parquet or CSV file to write."""
-    robot: Literal["simulator", "dart", "stiff"] = "dart"
-    """dart and stiff: stand-in NAOs on their feet; simulator: the robot of --world."""
+    robot: str = "dart"
+    """dart and stiff: stand-in NAOs on their feet; simulator: the robot of --world;
+    lola: a NAO v6 (or gatjax nao), lola:SOCKET for another socket than /tmp/robocup.
+    Between runs of a NAO somebody puts it back and presses the button on its chest."""
     motion: Annotated[str | None, tyro.conf.arg(help=MOTIONS)] = None
     joints: tuple[str, ...] = ()
     """With --motion: joints to move, with commas or spaces between; all if left out."""
@@ -216,7 +218,10 @@ class Evaluate:
 
     policies: tuple[Path, ...] = ()
     """Policy JSON files; theta0 if none."""
-    robot: Literal["simulator", "dart", "stiff"] = "dart"
+    robot: str = "dart"
+    """dart, stiff, simulator, or a robot behind a link: lola (see gatjax collect)."""
+    out: Path = Path("evaluated")
+    """Folder for frames and walks of a robot behind a link; the same one goes on."""
     world: Path | None = None
     """world.json, for --robot simulator."""
     runs: int = 10
@@ -241,6 +246,50 @@ class View:
     body_seed: int = 0
     rate_hz: float = 50.0
     seed: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Deploy:
+    """Let a robot walk a policy, under guard, with a log of every frame.
+
+    gatjax deploy runs/.../policies/gat_0_5_mean.json --robot lola
+
+    On the NAO itself it is gatjax-deploy, which needs Python 3.8 and numpy only
+    (docs/hardware.md). Ctrl-C or the button on the chest lets the robot crouch; a
+    second Ctrl-C takes its power. gatjax nao starts a simulated NAO to try it on.
+    """
+
+    policy: tyro.conf.Positional[Path]
+    """Policy JSON of a run; theta0 is the walk that was tuned by hand."""
+    robot: str = "lola"
+    """lola, or lola:SOCKET."""
+    walks: int = 1
+    forward: float = 0.75
+    """Forward request, a share of the policy's top speed."""
+    seconds: float = 7.5
+    """Length of a walk."""
+    rate_hz: float = 83.3
+    out: Path | None = None
+    """Folder for the log; named by the time, in `deployed`, if left out."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulateNao:
+    """Start a simulated NAO that speaks LoLA: any NAO software can connect to it.
+
+    It waits in somebody's hands, is put down when its pose is steady and its power on,
+    and picked up when its power is off again. Its faults are those of the stand-in
+    robot: three frames of delay, play, weak motors, calibration errors.
+    """
+
+    robot: Literal["dart", "stiff"] = "dart"
+    socket: Path = Path("/tmp/robocup")
+    lockstep: bool = False
+    """Wait for every answer, as fast as both can; otherwise in real time."""
+    body_seed: int = 0
+    """Which robot of the series."""
+    seed: int = 0
+    """Of its starts and its noise."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -329,6 +378,8 @@ VERBS: dict[str, type] = {
     "work": Work,
     "evaluate": Evaluate,
     "view": View,
+    "deploy": Deploy,
+    "nao": SimulateNao,
     "report": Report,
     "bench": Bench,
     "doctor": Doctor,

@@ -35,7 +35,8 @@ def record(verb: verbs.Collect) -> None:
     check_ending(verb.out)
     asked = None if verb.motion is None else motions.motion(verb.motion)
     task = task_at(verb.rate_hz) if walks else playing_at(verb.rate_hz, verb.robot)
-    robot = robot_of(verb.robot, verb.body_seed, verb.world, task)
+    folder = verb.out.with_suffix("")
+    robot = robot_of(verb.robot, verb.body_seed, verb.world, task, folder)
     purpose = SIMULATOR_LOG if verb.robot == "simulator" else ROBOT_LOG
     drawn = seeds(purpose, verb.seed, runs_asked)
     if asked is None:

@@ -9,8 +9,11 @@ import numpy as np
 
 from gatjax import loop, runs
 from gatjax.grounding import learn as grounders
+from gatjax.hardware.links import FORMS, is_hardware
+from gatjax.hardware.robot import Hardware
+from gatjax.hardware.terminal import Terminal
 from gatjax.sim.world import World, nominal, read_world
-from gatjax.surrogate import make_robot
+from gatjax.surrogate import ROBOTS, make_robot
 from gatjax.task import Task
 from gatjax.walk.parameters import THETA0
 
@@ -25,12 +28,32 @@ def world_of(path: Path | None, task: Task) -> World:
     return grounders.grounded(world, grounders.read_grounding(folder))
 
 
-def robot_of(name: str, body_seed: int, world: Path | None, task: Task) -> Any:
-    """Return the robot of a command: the simulator or a stand-in."""
+def robot_of(
+    name: str, body_seed: int, world: Path | None, task: Task, folder: Path
+) -> Any:
+    """Return the robot of a command.
+
+    Args:
+        name: simulator, a stand-in, or a robot behind a link.
+        body_seed: of a stand-in.
+        world: of the simulator.
+        task: of the simulator.
+        folder: gets frames and finished walks of a robot behind a link.
+    """
     if name == "simulator":
         return loop.Simulator(world_of(world, task))
     if world is not None:
         raise ValueError(f"--world is for --robot simulator, not {name}")
+    return robot_named(name, body_seed, folder)
+
+
+def robot_named(name: str, body_seed: int, folder: Path) -> Any:
+    """Return a robot that the simulator does not know."""
+    if is_hardware(name):
+        return Hardware(name, folder, Terminal())
+    if name not in ROBOTS:
+        known = ", ".join(["simulator", *ROBOTS, FORMS])
+        raise ValueError(f"robot {name!r} is unknown; choose from {known}")
     return make_robot(name, body_seed)
 
 

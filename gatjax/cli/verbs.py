@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+import time
 from functools import singledispatch
 from pathlib import Path
 from typing import Any
@@ -15,11 +16,13 @@ from gatjax import loop, runs
 from gatjax.cli import arguments as verbs
 from gatjax.cli import logs, sharing
 from gatjax.cli.collecting import record, summary
-from gatjax.cli.inputs import check_least, policy_of, robot_of, world_of
+from gatjax.cli.inputs import check_least, policy_of, robot_named, robot_of, world_of
 from gatjax.cli.progress import shown
 from gatjax.cli.resume import open_search, resumed
 from gatjax.data.mapping import read_map
 from gatjax.data.recording import read_recording
+from gatjax.hardware.deploy import deploy as deployed
+from gatjax.hardware.terminal import Terminal
 from gatjax.hosts import address_of, serve
 from gatjax.report import build_report, headline
 from gatjax.report.page import build_walk_page
@@ -30,7 +33,6 @@ from gatjax.settings import EVALUATION, LoopSettings, SearchSettings, seeds
 from gatjax.sim.backend import use_compile_cache
 from gatjax.sim.poses import states, write_walk
 from gatjax.sim.world import World, nominal, read_world
-from gatjax.surrogate import make_robot
 from gatjax.task import Task, task_at
 from gatjax.walk.parameters import THETA0
 
@@ -51,11 +53,12 @@ def run(verb: verbs.Run) -> None:
         raise ValueError(f"--run {verb.run} goes with --resume; a new run takes --out")
     else:
         settings = loop.resolved(verb.loop)
-        make_robot(settings.robot, settings.body_seed)  # before there is a folder
+        robot_named(settings.robot, settings.body_seed, verb.out)  # before its folder
         device = str(jax.devices()[0])
         folder = runs.open_run(verb.out, settings, device=device).path
     print(f"run folder {folder}", flush=True)
-    robot, done = make_robot(settings.robot, settings.body_seed), []
+    robot = robot_named(settings.robot, settings.body_seed, folder / "hardware")
+    done: list[str] = []
     with shown(loop.total_work(settings)) as progress:
 
         def stage(text: str) -> None:
@@ -182,7 +185,7 @@ def evaluate(verb: verbs.Evaluate) -> None:
     if not 0.0 < verb.forward <= 1.0:
         raise ValueError(f"--forward is {verb.forward}; use more than 0, at most 1")
     task = task_at(verb.rate_hz, forward=verb.forward)
-    robot = robot_of(verb.robot, verb.body_seed, verb.world, task)
+    robot = robot_of(verb.robot, verb.body_seed, verb.world, task, verb.out)
     clear = len({path.stem for path in verb.policies}) == len(verb.policies)
     named = {
         path.stem if clear else str(path): runs.read_policy(path)
@@ -208,7 +211,7 @@ def view(verb: verbs.View) -> None:
     if not verb.live and verb.out.suffix not in (".html", ".mp4"):
         raise ValueError(f"--out {verb.out}: a walk ends in .html or .mp4")
     task = task_at(verb.rate_hz)
-    robot = robot_of(verb.robot, verb.body_seed, verb.world, task)
+    robot = robot_of(verb.robot, verb.body_seed, verb.world, task, verb.out.parent)
     theta = policy_of(verb.policy)
     walk, outcome = robot.walk(theta[None], [verb.seed], task)
     walk = jax.tree.map(lambda leaf: np.asarray(leaf)[0], walk)
@@ -230,6 +233,33 @@ def view(verb: verbs.View) -> None:
         write_walk(file, model, walk, f"{robot.name}: {summary(outcome)}")
         build_walk_page(file, verb.out)
     print(f"{verb.out}: open it in a browser ({summary(outcome)})")
+
+
+@act.register
+def deploy(verb: verbs.Deploy) -> None:
+    """Let a robot walk a policy."""
+    check_least(1, walks=verb.walks)
+    task = task_at(verb.rate_hz, forward=verb.forward, duration=verb.seconds)
+    out = verb.out or Path("deployed") / time.strftime("%Y%m%d-%H%M%S")
+    print(
+        *deployed(verb.policy, verb.robot, verb.walks, task, out, Terminal()), sep="\n"
+    )
+
+
+@act.register
+def simulate(verb: verbs.SimulateNao) -> None:
+    """Serve a simulated NAO until Ctrl-C."""
+    from gatjax.surrogate.lola import Server, SimulatedNao
+
+    check_least(0, seed=verb.seed, body_seed=verb.body_seed)
+    robot = SimulatedNao(verb.robot, verb.body_seed, verb.seed)
+    server = Server(verb.socket, verb.lockstep)
+    pace = "in lockstep" if verb.lockstep else "in real time"
+    print(f"{verb.robot} as a NAO at {verb.socket}, {pace}; Ctrl-C ends it", flush=True)
+    try:
+        server.serve(robot, lambda text: print(text, flush=True))
+    finally:
+        server.close()
 
 
 @act.register

@@ -74,6 +74,8 @@ PLAIN_COLUMNS = {
     "time": "time",
     "trajectory": "count",
     "voltage": "voltage",
+    "received": "time",
+    "sent": "time",
     **{f"gyro.{axis}": "angular velocity" for axis in "xyz"},
     **{f"accelerometer.{axis}": "acceleration" for axis in "xyz"},
     **{f"orientation.{angle}": "angle" for angle in ("roll", "pitch", "yaw")},

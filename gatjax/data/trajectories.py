@@ -44,8 +44,9 @@ def to_recording(
 ) -> Recording:
     """Turns a batch of runs [N, T, ...] into a recording with ids 0 to N - 1.
 
-    Rows after a fall (`alive` False) are left out; the rest is taken as it is, so a run
-    that diverged (`Outcome.ok` False) must not be in the batch.
+    Rows after a fall (`alive` False) are left out, and so is `base.*` where nobody knew
+    where the robot was (NaN). The rest is taken as it is, so a run that diverged
+    (`Outcome.ok` False) must not be in the batch.
 
     Raises:
         ValueError: no row is left.
@@ -53,15 +54,17 @@ def to_recording(
     alive = np.asarray(trajectory.alive, bool)
     if not alive.any():
         raise ValueError(f"{robot}: no trajectory has a row before its fall")
+    known = np.isfinite(np.asarray(trajectory.base.position)[alive]).all()
     groups = {
         **_named("command", JOINTS, trajectory.command),
         **_named("position", JOINTS, trajectory.reading.angle),
         **_named("gyro", "xyz", trajectory.reading.gyro),
         **_named("accelerometer", "xyz", trajectory.reading.accelerometer),
         **_named("force", FORCE_SENSORS, trajectory.reading.force),
-        **_named("base", "xyz", trajectory.base.position),
-        **_named("base", ("qw", "qx", "qy", "qz"), trajectory.base.quaternion),
     }
+    if known:
+        groups |= _named("base", "xyz", trajectory.base.position)
+        groups |= _named("base", ("qw", "qx", "qy", "qz"), trajectory.base.quaternion)
     runs = np.arange(alive.shape[0])[:, None]
     return Recording(
         name=robot,

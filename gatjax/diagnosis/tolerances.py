@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gatjax.runs.files import read_json
+from gatjax.files import read_json
 
 SCHEMA = "gatjax.tolerances/1"
 CORRELATED = 0.1  # s after which residuals are taken as independent

@@ -14,6 +14,7 @@ import jax
 import numpy as np
 
 from gatjax.effects.effect import memoryless
+from gatjax.files import as_json
 from gatjax.grounding.dagger import DAGGER
 from gatjax.grounding.envelope import ENVELOPE
 from gatjax.grounding.garat import GARAT
@@ -26,7 +27,6 @@ from gatjax.grounding.sgat import SGAT
 from gatjax.robot.model import joint_names
 from gatjax.robot.nao import WALKING_JOINTS
 from gatjax.runs import read_json, write_whole
-from gatjax.runs.files import as_json
 from gatjax.sim.world import World, add_command, add_sensor, check_rate
 
 Array = Any

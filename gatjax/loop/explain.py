@@ -13,6 +13,7 @@ from gatjax.data.trajectories import split_by_trajectory
 from gatjax.diagnosis.diagnose import diagnose
 from gatjax.diagnosis.given import Logs
 from gatjax.diagnosis.start import Start
+from gatjax.files import read_json
 from gatjax.loop.collect import collect, collect_motion
 from gatjax.loop.ground import HELD_OUT, STABILITY_ROLLOUTS, count_falls
 from gatjax.loop.play import Hangable, Player
@@ -22,7 +23,6 @@ from gatjax.records import JOINTS
 from gatjax.robot.model import HUNG
 from gatjax.robot.nao import LIMITS
 from gatjax.runs import Progress, write_whole
-from gatjax.runs.files import read_json
 from gatjax.sim.backend import prepare
 from gatjax.sim.world import World, add_cause, read_world, write_world
 from gatjax.walk.parameters import THETA0

@@ -5,7 +5,7 @@ either written whole or not at all (`write_whole`), so a kill at any moment leav
 folder that can be read and resumed.
 """
 
-from gatjax.runs.files import make_folder, read_json, write_json, write_whole
+from gatjax.files import make_folder, read_json, write_json, write_whole
 from gatjax.runs.folder import (
     RunFolder,
     check_run,
@@ -14,9 +14,9 @@ from gatjax.runs.folder import (
     open_run,
     resume_run,
 )
-from gatjax.runs.policies import read_policy, write_policy
 from gatjax.runs.progress import Progress
 from gatjax.runs.tables import add_rows, read_table
+from gatjax.walk.policy import read_policy, write_policy
 
 __all__ = [
     "Progress",

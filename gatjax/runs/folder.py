@@ -16,7 +16,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from gatjax.runs.files import as_json, read_json, write_json
+from gatjax.files import as_json, read_json, write_json
 
 FOLDERS = ("recordings", "policies", "grounding", "checkpoints", "walks")
 PACKAGES = ("gatjax", "jax", "mujoco", "mujoco-mjx", "dartpy", "evosax", "numpy")

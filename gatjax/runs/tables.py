@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from gatjax.runs.files import write_whole
+from gatjax.files import write_whole
 
 
 class Table(NamedTuple):

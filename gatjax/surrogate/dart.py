@@ -23,7 +23,7 @@ import numpy as np
 
 from gatjax import processors
 from gatjax import task as tasks
-from gatjax.motions import Limbs
+from gatjax.motions import Limbs, standing_nao
 from gatjax.records import JOINTS, Base, Outcome, Reading, Trajectory
 from gatjax.surrogate import course
 from gatjax.surrogate.e1 import E1, Body, draw_body, nominal, published
@@ -37,7 +37,6 @@ from gatjax.surrogate.start import (
     draw_run,
     first_state,
     playing,
-    standing_nao,
 )
 from gatjax.task import Task
 

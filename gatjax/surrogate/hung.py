@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gatjax.motions import Limbs
+from gatjax.motions import Limbs, standing_nao
 from gatjax.records import Trajectory
-from gatjax.surrogate.start import Floor, Run, first_state, standing_nao
+from gatjax.surrogate.start import Floor, Run, first_state
 
 HEIGHT = 1.0  # m, over where it would stand
 

@@ -7,13 +7,10 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from gatjax.motions import Limbs
 from gatjax.records import FORCE_SENSORS, JOINTS
 from gatjax.robot import model as robot_model
-from gatjax.robot import nao
 from gatjax.surrogate.e1 import FLOOR_STREAM, RUN_STREAM, Body, Constants, nominal
-from gatjax.task import Task, pose, task_at
-from gatjax.walk.parameters import THETA0
+from gatjax.task import Task, task_at
 
 SETTLE = 1.0  # s in which a robot comes to rest before it plays a motion
 CLEARANCE = 1e-4  # m, lowest sole corner over the floor at the start
@@ -73,17 +70,6 @@ def draw_run(body: Body, seed: int, task: Task, constants: Constants) -> Run:
         turn=rng.normal(0.0, constants.start_turn, 3),
         patch=rng.uniform([-2.0 * third, -third], [0.0, third]),
         noise=rng.normal(size=(task.ticks, NOISES)),
-    )
-
-
-def standing_nao() -> Limbs:
-    """Return what a motion must know of a NAO that stands ready."""
-    return Limbs(
-        names=JOINTS,
-        limits=nao.LIMITS,
-        home=pose(THETA0),
-        speed=np.array([motor.no_load_speed for motor in nao.MOTORS]),
-        floating=True,
     )
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from mujoco.batch import Batch
 
 from gatjax import task as tasks
-from gatjax.motions import Limbs
+from gatjax.motions import Limbs, standing_nao
 from gatjax.records import JOINTS, Base, Outcome, Reading, Trajectory
 from gatjax.robot import nao
 from gatjax.robot.model import slots
@@ -34,7 +34,6 @@ from gatjax.surrogate.start import (
     draw_run,
     first_state,
     playing,
-    standing_nao,
 )
 from gatjax.task import Task
 

@@ -295,13 +295,13 @@ def _joints(constants: Constants, state: GaitState) -> Array:
 
     def leg(index: int) -> dict[str, Array]:
         side = "LR"[index]
-        fields = zip(Legs._fields, legs, strict=True)
+        fields = zip(Legs._fields, legs)
         return {
             side + name.title().replace("_", ""): angle[..., index]
             for name, angle in fields
         }
 
-    named = leg(0) | leg(1)
+    named = {**leg(0), **leg(1)}
     named["LHipYawPitch"] = -state.toes
     named["LShoulderPitch"], named["RShoulderPitch"] = arms[..., 0], arms[..., 1]
     named["LShoulderRoll"] = zero + SHOULDER_ROLL

@@ -6,12 +6,12 @@ release, Walk2014Generator and body.hpp), re-derived; see the design notes of ga
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Tuple
 
 from gatjax.xp import namespace_of
 
 Array = Any
-Vector = tuple[Any, Any, Any]
+Vector = Tuple[Any, Any, Any]
 
 THIGH = 0.100  # m, robotDimensions of B-Human, NAO v5 URDF
 TIBIA = 0.1029  # m
@@ -92,7 +92,7 @@ def _hip_step(yaw_pitch: Array, legs: Legs, target: Vector) -> tuple[Legs, Array
     at = _yaw_pitch(yaw_pitch, u)
     a = _yaw_pitch(yaw_pitch, _rotate_x(legs.hip_roll, (w[2], zero, -w[0])))
     b = _yaw_pitch(yaw_pitch, (zero, -u[2], u[1]))
-    error = tuple(t - p for t, p in zip(target, at, strict=True))
+    error = tuple(t - p for t, p in zip(target, at))
 
     def dot(p: Any, q: Any) -> Array:
         return p[0] * q[0] + p[1] * q[1] + p[2] * q[2]

@@ -50,8 +50,8 @@ def limit(gait: Gait, request: Request) -> tuple[Array, Array, Array]:
     scale = SPEED_FLOOR + (1 - SPEED_FLOOR) * xp.clip(request.speed, 0.0, 1.0)
     tops = (gait.max_forward * scale, gait.max_left * scale, gait.max_turn * scale)
     asked = (request.forward, request.left, request.turn)
-    forward, left, turn = (xp.clip(a, -m, m) for a, m in zip(asked, tops, strict=True))
-    x, y, z = (xp.abs(a) / m for a, m in zip((forward, left, turn), tops, strict=True))
+    forward, left, turn = (xp.clip(a, -m, m) for a, m in zip(asked, tops))
+    x, y, z = (xp.abs(a) / m for a, m in zip((forward, left, turn), tops))
     outside = _volume(x, y, z) > 1.0
     factor, low, high = 0.5 + 0.0 * x, 0.0 * x, 1.0 + 0.0 * x
     for _ in range(10):

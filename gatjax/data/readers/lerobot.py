@@ -13,7 +13,7 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from gatjax.data.readers.source import Run, Source, numbered, table
-from gatjax.runs.files import read_json
+from gatjax.files import read_json
 
 ACTION, STATE = "action", "observation.state"
 NEEDED = ("timestamp", "episode_index", ACTION, STATE)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gatjax.runs.files import read_json, write_json
+from gatjax.files import read_json, write_json
 from gatjax.walk.parameters import PARAMETERS, Parameter
 
 POLICY = {"schema": "gatjax.policy/1", "robot": "nao", "engine": "walk2014-ut15"}
@@ -39,11 +39,11 @@ def write_policy(
         raise ValueError(
             f"{path}: a policy has shape ({len(PARAMETERS)},), not {values.shape}"
         )
-    for parameter, value in zip(PARAMETERS, values, strict=True):
+    for parameter, value in zip(PARAMETERS, values):
         _check_bounds(parameter, value, path)
     parameters = {
         parameter.name: {"value": float(value), "unit": parameter.unit}
-        for parameter, value in zip(PARAMETERS, values, strict=True)
+        for parameter, value in zip(PARAMETERS, values)
     }
     write_json(path, {**POLICY, "parameters": parameters, "made_by": dict(made_by)})
     return path
@@ -96,7 +96,7 @@ def _policy_value(parameter: Parameter, entry: Any, path: Path) -> float:
     """One checked value of a policy file."""
     name, unit = parameter.name, parameter.unit
     value = entry.get("value") if isinstance(entry, dict) else None
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
         form = f'{{"value": number, "unit": "{unit}"}}'
         raise ValueError(f"{path}: parameter {name} must be {form}")
     given = entry.get("unit")

@@ -1,0 +1,51 @@
+"""gatjax-deploy: a policy on a robot, from a computer that has only numpy."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+from gatjax.hardware.deploy import deploy
+from gatjax.hardware.links import FORMS
+from gatjax.hardware.session import Stopped
+from gatjax.hardware.terminal import Terminal
+from gatjax.task import RATES, task_at
+
+STOPPED, FAILED = 130, 1  # exit codes: Ctrl-C, an error
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Deploy; an error is one line. Returns the exit code, 0 only on success."""
+    parser = argparse.ArgumentParser(
+        prog="gatjax-deploy",
+        description="Let a robot walk a policy that gatjax found, under guard. Ctrl-C "
+        "or the button on its chest lets it crouch; a second Ctrl-C takes its power.",
+    )
+    parser.add_argument("policy", type=Path, help="policy JSON of a run, or theta0")
+    parser.add_argument("--robot", default="lola", help=FORMS)
+    parser.add_argument("--walks", type=int, default=1)
+    parser.add_argument(
+        "--forward", type=float, default=0.75, help="share of the policy's top speed"
+    )
+    parser.add_argument("--seconds", type=float, default=7.5, help="length of a walk")
+    parser.add_argument("--rate-hz", type=float, default=83.3, choices=sorted(RATES))
+    parser.add_argument("--out", type=Path, help="folder; by default named by the time")
+    given = parser.parse_args(arguments)
+    out = given.out or Path("deployed") / time.strftime("%Y%m%d-%H%M%S")
+    try:
+        task = task_at(given.rate_hz, forward=given.forward, duration=given.seconds)
+        lines = deploy(given.policy, given.robot, given.walks, task, out, Terminal())
+    except KeyboardInterrupt:
+        print("gatjax-deploy: stopped; the same command goes on", file=sys.stderr)
+        return STOPPED
+    except (ValueError, OSError, Stopped) as error:
+        print(f"gatjax-deploy: {error}", file=sys.stderr)
+        return FAILED
+    print("\n".join(lines))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

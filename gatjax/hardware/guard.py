@@ -1,0 +1,204 @@
+"""The guard: it stands between whoever moves the robot and its motors.
+
+Whatever it is asked, it only ever commands finite targets within the joint limits, no
+further apart than the joints' top speeds allow. When something is wrong with the robot,
+with its frames or with who moves it, it lets the robot crouch and takes the power off;
+when the robot falls, the power goes at once.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gatjax.hardware.frames import Command, Frame, Link
+from gatjax.records import JOINTS, Reading
+from gatjax.robot import nao
+
+Array = Any
+
+_CROUCH = {
+    "ShoulderPitch": 1.5, "HipPitch": -0.75, "KneePitch": 2.0, "AnklePitch": -1.17,
+}  # fmt: skip
+CROUCH = np.clip([_CROUCH.get(joint[1:], 0.0) for joint in JOINTS], nao.LOW, nao.HIGH)
+"""Joint angles [J] rad of a NAO that sits on its heels and needs no power to stay."""
+SPEEDS = np.array([motor.no_load_speed for motor in nao.MOTORS])  # rad/s [S6]
+
+
+class Limits(NamedTuple):
+    """What the guard allows; two in a row are never a slip."""
+
+    patience: int = 2  # frames that may be bad, missing, or without an answer: one less
+    battery: float = 0.05  # charge at which the robot stops
+    temperature: float = 85.0  # degC of a motor
+    heat: int = 2  # very hot: the firmware has cut the power by a third
+    tilt: float = float(np.deg2rad(45.0))  # rad, from there on it is a fall
+    still: int = 10  # frames of a sensor that says the same again and again
+    moved: float = 0.15  # rad that targets went meanwhile
+    crouch: float = 2.0  # rad/s on the way down
+    rise: float = 1.0  # s from no power to full power, and back after a crouch
+    drop: float = 0.1  # s from full power to none after a fall
+
+
+LIMITS = Limits()
+
+
+class Mode(Enum):
+    """What the guard does with what it is asked."""
+
+    FOLLOW = "follow"  # passes it on
+    CROUCH = "crouch"  # goes down, then takes the power off
+    LIMP = "limp"  # takes the power off at once
+    RELEASED = "released"  # has taken it off
+
+
+class Guard:
+    """Watches one robot; see the module."""
+
+    def __init__(self, first: Frame, link: Link, limits: Limits = LIMITS) -> None:
+        """Take over a robot as its first frame shows it, without power."""
+        self.limits, self.period = limits, link.period
+        self.realtime, self.clocked = link.realtime, link.clocked
+        self.mode, self.why = Mode.FOLLOW, ""
+        self.sent = np.clip(first.reading.angle, nao.LOW, nao.HIGH)
+        self.share = 0.0  # of the power
+        self.walking = False  # falls, heat and a low battery count from then on
+        self._frame, self._reading = first, first.reading
+        self._chest = first.chest
+        self._bad = self._silent = 0
+        self._still = np.zeros(
+            len(JOINTS) + 2, int
+        )  # frames: joints, gyro, accelerometer
+        self._travel = np.zeros(len(JOINTS) + 2)  # rad that targets went meanwhile
+        self._from, self._shares = self.sent, 0.0  # the way into the crouch
+
+    def stop(self, why: str, mode: Mode = Mode.CROUCH) -> None:
+        """End what the robot does; the first reason stays, a fall goes before it."""
+        worse = mode is Mode.LIMP and self.mode is Mode.CROUCH
+        if self.mode is Mode.FOLLOW or worse:
+            self.why = why if not self.why or worse else self.why
+            self.mode, self._from, self._shares = mode, self.sent, 0.0
+
+    def see(self, frame: Frame | None) -> Reading | None:
+        """Look at a frame, None if it did not come in time or cannot be read.
+
+        Returns:
+            What the robot reports; None if that should not be acted upon.
+        """
+        wrong = self._wrong(frame)
+        if wrong is None and frame is not None:
+            self._bad = 0
+            self._watch(frame)
+            self._frame, self._reading = frame, frame.reading
+            return frame.reading
+        self._bad += 1
+        if self._bad >= self.limits.patience:
+            self.stop(f"{wrong}, {self._bad} times in a row")
+        return None
+
+    def _wrong(self, frame: Frame | None) -> str | None:
+        """Say why a frame should not be acted upon."""
+        old, period = self._frame, self.period
+        if frame is None:
+            return "no frame came that can be read"
+        if frame.time <= old.time:
+            return "a frame came out of order"
+        late = frame.received - old.received
+        if self.realtime and late > (self.limits.patience + 0.5) * period:
+            self.stop(f"a frame came {1e3 * late:.0f} ms after the one before")
+        reading = frame.reading
+        numbers = np.concatenate([np.ravel(part) for part in (*reading, frame.tilt)])
+        if not np.isfinite(numbers).all():
+            return "a reading is not a number"
+        same = all((new == was).all() for new, was in zip(reading, old.reading))
+        if same and not self.clocked:
+            return "a frame came twice"
+        steps = max(1.0, (frame.time - old.time) / period) * period
+        far = np.abs(reading.angle - old.reading.angle) > 1.5 * SPEEDS * steps + 0.1
+        outside = (reading.angle < nao.LOW - 0.3) | (reading.angle > nao.HIGH + 0.3)
+        bad = np.flatnonzero(far | outside)
+        if bad.size:
+            return f"{JOINTS[bad[0]]} cannot be at {reading.angle[bad[0]]:.2f} rad"
+        return None
+
+    def _watch(self, frame: Frame) -> None:
+        """Look for a fall, a button, heat, a low battery, sensors that stand still."""
+        pressed, self._chest = frame.chest and not self._chest, frame.chest
+        self._count_still(frame.reading)
+        if not self.walking:
+            return
+        limits = self.limits
+        if np.abs(frame.tilt).max() > limits.tilt:
+            self.stop("the robot fell", Mode.LIMP)
+        if pressed:
+            self.stop("the chest button was pressed")
+        if frame.battery < limits.battery:
+            self.stop(f"the battery is at {100.0 * frame.battery:.0f} %")
+        hot = (frame.temperature > limits.temperature) | (frame.heat >= limits.heat)
+        if hot.any():
+            joint = int(np.argmax(np.where(hot, frame.temperature, -np.inf)))
+            self.stop(f"{JOINTS[joint]} is hot, {frame.temperature[joint]:.0f} degC")
+        stuck = (self._still >= limits.still) & (self._travel > limits.moved)
+        for index in np.flatnonzero(stuck)[:1]:
+            name = (*JOINTS, "the gyroscope", "the accelerometer")[index]
+            self.stop(f"{name} says the same for {self._still[index]} frames")
+
+    def _count_still(self, reading: Reading) -> None:
+        """Count how long each sensor has said the same while targets moved."""
+        old = self._reading
+        same = np.append(
+            reading.angle == old.angle,
+            [(reading.gyro == old.gyro).all(),
+             (reading.accelerometer == old.accelerometer).all()],
+        )  # fmt: skip
+        self._still = np.where(same, self._still + 1, 0)
+        self._travel = np.where(same, self._travel, 0.0)
+
+    def command(self, wanted: Array | None, power: float = 1.0) -> Command:
+        """Return what the robot is told now.
+
+        Args:
+            wanted: [J] rad; None if nobody said: the robot stays where it was told.
+            power: share of full power to go to while all is well.
+        """
+        wanted = self._asked(wanted) if self.mode is Mode.FOLLOW else self.sent
+        if self.mode is Mode.CROUCH:
+            wanted, power = self._down()
+        elif self.mode is not Mode.FOLLOW:
+            wanted, power = self._reading.angle, 0.0
+        limits = self.limits
+        slow = limits.drop if self.mode is Mode.LIMP else limits.rise
+        step = self.period / slow
+        self.share += float(np.clip(power - self.share, -step, step))
+        if self.mode in (Mode.CROUCH, Mode.LIMP) and self.share <= 0.0:
+            self.mode = Mode.RELEASED
+        reach = SPEEDS * self.period
+        target = np.clip(wanted, self.sent - reach, self.sent + reach)
+        target = np.clip(target, nao.LOW, nao.HIGH)
+        moved = np.abs(target - self.sent)
+        self._travel = self._travel + np.append(moved, [moved.max()] * 2)
+        self.sent = target
+        return Command(target, np.full(len(JOINTS), self.share))
+
+    def _asked(self, wanted: Array | None) -> Array:
+        """Take what was asked if it is there and finite, else stay."""
+        if wanted is not None and np.isfinite(wanted).all():
+            self._silent = 0
+            return wanted
+        if self._bad:  # after a bad frame nobody was asked
+            return self.sent
+        self._silent += 1
+        if self._silent >= self.limits.patience:
+            what = "no target" if wanted is None else "a target that is not a number"
+            self.stop(f"{what}, {self._silent} times in a row")
+        return self.sent
+
+    def _down(self) -> tuple[Array, float]:
+        """Next target and power on the way into the crouch."""
+        way = np.abs(CROUCH - self._from).max() / self.limits.crouch
+        self._shares = min(1.0, self._shares + self.period / max(way, self.period))
+        wanted = self._from + (CROUCH - self._from) * self._shares
+        # Full power on the way down, where there was some; none after it.
+        return wanted, self.share if self._shares < 1.0 else 0.0

@@ -1,0 +1,61 @@
+"""Walks that are kept until all that were asked for are there: nothing walks twice."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gatjax.records import Base, Outcome, Reading, Trajectory
+from gatjax.task import Task
+
+Array = Any
+
+
+def _place(folder: Path, policy: Array, seed: int, task: Task) -> Path:
+    """File of a walk: it changes with anything that was asked."""
+    asked = repr((np.asarray(policy, float).tolist(), int(seed), tuple(task)))
+    return folder / f"walk_{hashlib.sha256(asked.encode()).hexdigest()[:16]}.npz"
+
+
+def keep(
+    folder: Path, policy: Array, seed: int, task: Task, walk: tuple[Trajectory, Outcome]
+) -> None:
+    """Keep a walk: policy [15], Trajectory [T, ...], Outcome []."""
+    trajectory, outcome = walk
+    path = _place(folder, policy, seed, task)
+    half = path.with_name("." + path.name)
+    named = {
+        **{f"reading_{k}": v for k, v in trajectory.reading._asdict().items()},
+        **{f"base_{k}": v for k, v in trajectory.base._asdict().items()},
+        **{f"outcome_{k}": v for k, v in outcome._asdict().items()},
+        **{key: getattr(trajectory, key) for key in ("time", "command", "alive")},
+    }
+    np.savez(half, **named)
+    os.replace(half, path)
+
+
+def kept(
+    folder: Path, policy: Array, seed: int, task: Task
+) -> tuple[Trajectory, Outcome] | None:
+    """Return a walk that was kept, None if there is none."""
+    path = _place(folder, policy, seed, task)
+    if not path.is_file():
+        return None
+    with np.load(path) as file:
+        found = {key: file[key] for key in file.files}
+
+    def part(kind: Any, prefix: str) -> Any:
+        return kind(*(found[prefix + name] for name in kind._fields))
+
+    trajectory = Trajectory(
+        time=found["time"],
+        command=found["command"],
+        reading=part(Reading, "reading_"),
+        base=part(Base, "base_"),
+        alive=found["alive"],
+    )
+    return trajectory, part(Outcome, "outcome_")

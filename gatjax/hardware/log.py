@@ -1,0 +1,124 @@
+"""The log: every frame and its answer, into a recording that gatjax reads.
+
+A thread of its own writes whole lines of CSV every quarter second, so that the loop
+never waits for a disk and a kill loses at most the last moment.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gatjax.hardware.frames import Command, Frame
+from gatjax.records import FORCE_SENSORS, JOINTS
+
+EVERY = 0.25  # s between writes
+SYNC = 4  # writes between two that wait for the disk
+BETWEEN = -1  # number of the run outside of runs
+
+
+def columns() -> list[str]:
+    """Names of the columns of a log; `docs/files.md` says what they are."""
+    families = ("command", "position", "stiffness", "temperature", "current")
+    names = [f"{family}.{joint}" for family in families for joint in JOINTS]
+    names += [
+        f"{family}.{axis}" for family in ("gyro", "accelerometer") for axis in "xyz"
+    ]
+    names += [f"force.{sensor}" for sensor in FORCE_SENSORS]
+    names += ["orientation.roll", "orientation.pitch", "received", "sent"]
+    return ["time", "trajectory", *names]
+
+
+BASE = ["base.x", "base.y", "base.z", "base.qw", "base.qx", "base.qy", "base.qz"]
+
+
+class Log:
+    """Writes `frames_<number>.csv` and, of all that is between runs, `between_...`.
+
+    What they are is in a .json beside each.
+    """
+
+    def __init__(self, folder: Path, robot: str, period: float, base: bool) -> None:
+        """Begin a log in a folder; `base`: frames say where the robot is.
+
+        Raises:
+            OSError: one line: it cannot be written.
+        """
+        number = len(list(folder.glob("frames_*.csv")))
+        self.path, self.base = folder / f"frames_{number:03}.csv", base
+        notes = {"robot": robot, "base": "floating", "rate_hz": round(1.0 / period, 4)}
+        self._files = []
+        for path in (self.path, folder / f"between_{number:03}.csv"):
+            path.with_suffix(".json").write_text(json.dumps(notes, indent=2) + "\n")
+            file = open(path, "wb", buffering=0)
+            file.write((",".join(columns() + BASE * base) + "\n").encode())
+            self._files.append(file)
+        self._rows: list[Any] = []
+        self.failed: OSError | None = None
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._write_on, daemon=True)
+        self._thread.start()
+
+    def add(self, run: int, frame: Frame, command: Command, sent: float) -> None:
+        """Note a frame and its answer.
+
+        Args:
+            run: number of the run, BETWEEN outside of runs.
+            frame: what came.
+            command: what it was answered with.
+            sent: s, this computer's clock, when that had been sent.
+        """
+        if frame.base is not None or not self.base:
+            self._rows.append((run, frame, command, sent))
+
+    def _write_on(self) -> None:
+        count = 0
+        while not self._end.wait(EVERY):
+            count += 1
+            self._write(count % SYNC == 0)
+
+    def _write(self, sync: bool) -> None:
+        """Write what has come together: whole lines, in one call a file."""
+        rows, self._rows = self._rows, []
+        if not rows or self.failed:
+            return
+        try:
+            for file, between in zip(self._files, (False, True)):
+                lines = [self._line(*r) for r in rows if (r[0] == BETWEEN) is between]
+                file.write("".join(lines).encode())
+                if sync:
+                    os.fsync(file.fileno())
+        except OSError as error:
+            self.failed = error
+
+    def _line(self, run: int, frame: Frame, command: Command, sent: float) -> str:
+        reading = frame.reading
+        parts = [
+            command.target, reading.angle, frame.stiffness, frame.temperature,
+            frame.current, reading.gyro, reading.accelerometer, reading.force,
+            frame.tilt, [frame.received, sent],
+        ]  # fmt: skip
+        if self.base and frame.base is not None:
+            parts += [frame.base.position, frame.base.quaternion]
+        numbers = np.concatenate(parts).tolist()
+        text = ",".join([f"{number:.9g}" for number in numbers])
+        return f"{frame.time:.6f},{run},{text}\n"
+
+    def close(self) -> None:
+        """Write the rest.
+
+        Raises:
+            OSError: one line: rows were lost, the disk is full, say.
+        """
+        self._end.set()
+        self._thread.join()
+        self._write(True)
+        for file in self._files:
+            file.close()
+        if self.failed is not None:
+            raise OSError(f"{self.path}: rows were lost ({self.failed.strerror})")

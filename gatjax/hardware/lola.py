@@ -1,0 +1,209 @@
+"""LoLA, the low-level interface of the NAO v6: a frame each 12 ms on a Unix socket.
+
+The robot sends a MessagePack map of 896 bytes and is answered with one that holds what
+it should do. Facts: RoboCup SPL teams' descriptions of LoLA; what gatjax measured of
+them is in `docs/hardware.md`.
+"""
+
+from __future__ import annotations
+
+import json
+import select
+import socket
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gatjax.hardware import messagepack
+from gatjax.hardware.frames import BadFrame, Command, Frame, Lost
+from gatjax.hardware.tracker import Tracker
+from gatjax.records import JOINTS, Reading
+
+Array = Any
+
+SOCKET = Path("/tmp/robocup")
+FRAME = 896  # bytes
+PERIOD = 0.012  # s
+GRAVITY = 9.81  # m/s^2, kg of the foot sensors to N
+ORDER = (
+    "HeadYaw", "HeadPitch",
+    "LShoulderPitch", "LShoulderRoll", "LElbowYaw", "LElbowRoll", "LWristYaw",
+    "LHipYawPitch", "LHipRoll", "LHipPitch", "LKneePitch", "LAnklePitch", "LAnkleRoll",
+    "RHipRoll", "RHipPitch", "RKneePitch", "RAnklePitch", "RAnkleRoll",
+    "RShoulderPitch", "RShoulderRoll", "RElbowYaw", "RElbowRoll", "RWristYaw",
+    "LHand", "RHand",
+)  # fmt: skip
+"""Joints in LoLA's order."""
+FROM_LOLA = np.array([ORDER.index(joint) for joint in JOINTS])
+TO_LOLA = np.array([JOINTS.index(joint) for joint in ORDER])
+SIZES = {
+    "Position": 25, "Stiffness": 25, "Temperature": 25, "Current": 25, "Status": 25,
+    "FSR": 8, "Accelerometer": 3, "Gyroscope": 3, "Angles": 2, "Battery": 4,
+    "Sonar": 2, "Touch": 14, "RobotConfig": 4,
+}  # fmt: skip
+"""What a frame holds, and how many of each."""
+CHEST = 0  # in Touch
+
+
+def read_frame(message: bytes) -> dict[str, Any]:
+    """Read a frame of the robot: arrays in LoLA's order and units.
+
+    Raises:
+        BadFrame: one line with what is wrong with it.
+    """
+    try:
+        entries = messagepack.unpack(message)
+    except ValueError as error:
+        raise BadFrame(f"a frame cannot be read: {error}") from error
+    if not isinstance(entries, dict):
+        raise BadFrame("a frame is no map")
+    for key, size in SIZES.items():
+        if key not in entries:
+            raise BadFrame(f"a frame has no {key}")
+        value = entries[key]
+        if not isinstance(value, (list, np.ndarray)) or len(value) != size:
+            raise BadFrame(f"{key} of a frame should hold {size} values")
+        if key == "RobotConfig":
+            continue
+        try:
+            entries[key] = np.asarray(value, float)
+        except (TypeError, ValueError):
+            raise BadFrame(f"{key} of a frame holds what is no number") from None
+    return entries
+
+
+def as_frame(entries: dict[str, Any], at: float, received: float) -> Frame:
+    """Translate a frame: `JOINTS` order, SI units."""
+    joints = {key: entries[key][FROM_LOLA] for key in SIZES if SIZES[key] == 25}
+    return Frame(
+        time=at,
+        received=received,
+        reading=Reading(
+            angle=joints["Position"],
+            gyro=entries["Gyroscope"],
+            accelerometer=entries["Accelerometer"],
+            force=entries["FSR"] * GRAVITY,
+        ),
+        tilt=entries["Angles"],
+        stiffness=joints["Stiffness"],
+        temperature=joints["Temperature"],
+        current=joints["Current"],
+        heat=joints["Status"],
+        battery=float(entries["Battery"][0]),
+        chest=bool(entries["Touch"][CHEST] > 0.5),
+    )
+
+
+def answer(command: Command) -> bytes:
+    """Write what the robot is told."""
+    return messagepack.pack(
+        {
+            "Position": np.asarray(command.target, float)[TO_LOLA],
+            "Stiffness": np.asarray(command.stiffness, float)[TO_LOLA],
+        }
+    )
+
+
+class Lola:
+    """A NAO v6, or a simulated one (`gatjax nao`); a `frames.Link`."""
+
+    name = "lola"
+    period = PERIOD
+    clocked = False
+
+    def __init__(self, path: Path = SOCKET) -> None:
+        """Connect to a robot's socket.
+
+        A simulated NAO says in `<socket>.json` whether it waits for answers, and where
+        it tells its place.
+
+        Raises:
+            Lost: one line: nothing listens there.
+        """
+        self.path = path
+        told = path.with_name(path.name + ".json")
+        notes = json.loads(told.read_text()) if told.is_file() else {}
+        self.realtime = not notes.get("lockstep", False)
+        self.thinking = 0.6 * PERIOD if self.realtime else 20.0
+        self.tracker = Tracker(notes["tracker"]) if "tracker" in notes else None
+        self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            self.socket.connect(str(path))
+        except OSError as error:
+            self.socket.close()
+            raise Lost(
+                f"{path}: no LoLA there ({error.strerror}); on a NAO, stop what else "
+                f"holds it, or start a simulated one with: gatjax nao --socket {path}"
+            ) from error
+        self._buffer = b""
+        self._frames, self._due = 0, 0.0
+        self.identity: str | None = None
+
+    def place(self) -> bool:
+        """Leave it to a person: they press the button on the chest then."""
+        return False
+
+    def receive(self, timeout: float) -> Frame | None:
+        """Return the next frame; see `frames.Link`."""
+        deadline = time.monotonic() + timeout
+        while len(self._buffer) < FRAME:
+            if not self._more(deadline - time.monotonic()):
+                return None
+        while self.realtime and self._more(0.0):
+            pass
+        whole = len(self._buffer) // FRAME
+        end = whole * FRAME
+        message, self._buffer = self._buffer[end - FRAME : end], self._buffer[end:]
+        received = time.monotonic()
+        self._count(whole, received)
+        entries = read_frame(message)
+        self.identity = str(entries["RobotConfig"][0])
+        frame = as_frame(entries, self._frames * PERIOD, received)
+        if self.tracker is not None:
+            frame = frame._replace(base=self.tracker.latest())
+        return frame
+
+    def _more(self, timeout: float) -> bool:
+        """Wait for bytes of the robot; return whether there were any.
+
+        Of several frames that wait, the last one counts: the others are history.
+        """
+        if timeout < 0.0 or not select.select([self.socket], [], [], timeout)[0]:
+            return False
+        try:
+            part = self.socket.recv(1 << 16)
+        except OSError as error:
+            raise Lost(f"{self.path}: LoLA is gone ({error.strerror})") from error
+        if not part:
+            raise Lost(f"{self.path}: LoLA closed the connection")
+        self._buffer += part
+        return True
+
+    def _count(self, whole: int, received: float) -> None:
+        """Count frames, those that never came too: the robot's clock."""
+        late = 0.0
+        if self.realtime and self._frames:
+            late = (received - self._due) / PERIOD
+        gone = max(whole, 1 + int(max(late, 0.0)))
+        first = self._frames == 0
+        self._frames += gone
+        self._due = received if first else self._due + (gone - 1) * PERIOD
+        # An early frame sets the clock; a late one only moves it a little.
+        early = received < self._due
+        self._due += (1.0 if early else 0.05) * (received - self._due) + PERIOD
+
+    def send(self, command: Command) -> None:
+        """Answer the last frame; see `frames.Link`."""
+        try:
+            self.socket.settimeout(1.0)
+            self.socket.sendall(answer(command))
+        except OSError as error:
+            raise Lost(f"{self.path}: LoLA takes no commands ({error})") from error
+
+    def close(self) -> None:
+        """Let go of the robot; LoLA then takes the power off the joints by itself."""
+        self.socket.close()
+        if self.tracker is not None:
+            self.tracker.close()

@@ -1,0 +1,283 @@
+"""A robot under guard: it gets up, walks or plays a motion, and comes to rest."""
+
+from __future__ import annotations
+
+import signal
+import time
+from contextlib import contextmanager
+from typing import Any, Callable, Iterator, NamedTuple, Optional
+
+import numpy as np
+
+from gatjax import task as tasks
+from gatjax.hardware.frames import BadFrame, Command, Frame, Link, Lost
+from gatjax.hardware.guard import LIMITS, Guard, Limits, Mode
+from gatjax.hardware.log import BETWEEN, Log
+from gatjax.hardware.mind import Mind
+from gatjax.records import Base, Outcome, Reading
+from gatjax.robot import nao
+from gatjax.task import Task
+
+Array = Any
+Mover = Callable[[Reading], Optional[Array]]
+"""Reading -> targets [J] rad, or None if there are none in time."""
+
+SILENT = 1.0  # s without a frame after which the robot is gone
+WAITS = 20.0  # s that a robot which waits for answers may take for a frame
+RISE = 1.0  # rad/s on the way to the first pose
+STEADY = 0.5  # s in which a motion's first pose is held
+HALT = 1.0  # s in which a walk comes to a stand
+
+
+class Stopped(RuntimeError):
+    """A run was ended early: the line says why; the robot has crouched or lies."""
+
+
+class Row(NamedTuple):
+    """One frame of a run and its answer."""
+
+    time: float  # s from the first row
+    command: Array  # [J] rad
+    reading: Reading
+    base: Base | None
+
+
+class Walk(NamedTuple):
+    """One walk: its rows, and the verdict as far as anybody saw it."""
+
+    rows: list[Row]
+    fell_at: float  # s after the walk request, inf if it stood
+    outcome: Outcome | None  # None where nothing measures where the robot is
+
+
+class Session:
+    """Holds one robot; see the module."""
+
+    def __init__(
+        self, link: Link, log: Log | None = None, limits: Limits = LIMITS
+    ) -> None:
+        """Take over a robot that has no power.
+
+        Raises:
+            Lost: it sends no frame that can be read.
+        """
+        self.link, self.log, self.limits = link, log, limits
+        self.run = BETWEEN
+        self.interrupted = False
+        self._missing = 0  # frames in a row
+        self._take()
+
+    def _take(self) -> None:
+        """Take over the robot as it is now, without power."""
+        self.frame = self._first()
+        self.guard = Guard(self.frame, self.link, self.limits)
+        self.link.send(self.guard.command(self.guard.sent, 0.0))
+
+    def _first(self) -> Frame:
+        """Wait for a frame that can be read."""
+        deadline = time.monotonic() + WAITS
+        while time.monotonic() < deadline:
+            try:
+                frame = self.link.receive(SILENT)
+            except BadFrame:
+                frame = None
+            if frame is not None and np.isfinite(frame.reading.angle).all():
+                return frame
+            self.link.send(Command(0.5 * (nao.LOW + nao.HIGH), np.zeros(len(nao.LOW))))
+        raise Lost(f"{self.link.name}: no frame that can be read for {WAITS:g} s")
+
+    def step(self, mover: Mover | None, power: float = 1.0) -> Row | None:
+        """Take a frame and answer it; None if none came that can be acted upon."""
+        came, frame = self._frame()
+        reading = self.guard.see(frame)
+        self._missing = 0 if came else self._missing + 1
+        if not came:
+            silent = self._missing * self._patience()
+            if silent > SILENT:
+                raise Lost(f"{self.link.name}: silent for {silent:.0f} s")
+            return None
+        wanted = self.guard.sent if mover is None else None
+        if mover and reading is not None and self.guard.mode is Mode.FOLLOW:
+            wanted = mover(reading)
+        command = self.guard.command(wanted, power)
+        self.link.send(command)
+        if reading is None or frame is None:
+            return None
+        self.frame = frame
+        if self.log is not None:
+            self.log.add(self.run, frame, command, time.monotonic())
+        return Row(frame.time, command.target, reading, frame.base)
+
+    def _patience(self) -> float:
+        """Longest time to wait for a frame, s."""
+        late = (self.limits.patience + 0.5) * self.link.period
+        return late if self.link.realtime else WAITS
+
+    def _frame(self) -> tuple[bool, Frame | None]:
+        """Return whether a frame came in time, and the frame if it can be read."""
+        try:
+            frame = self.link.receive(self._patience())
+        except BadFrame:
+            return True, None
+        return frame is not None, frame
+
+    def prepare(self, pose: Array) -> None:
+        """Bring the robot to a pose [J] rad, slowly, with its power rising.
+
+        Raises:
+            Stopped, KeyboardInterrupt: see `walk`.
+        """
+        self._check()
+        if self.guard.share <= 0.0:
+            self._take()
+        start, share = self.guard.sent, 0.0
+        seconds = max(1.0, float(np.abs(pose - start).max()) / RISE)
+
+        def rise(reading: Reading) -> Array:
+            del reading
+            return start + (pose - start) * min(share, 1.0)
+
+        while share < 1.0 and self.guard.mode is Mode.FOLLOW:
+            share += self.link.period / seconds
+            self.step(rise)
+        self._check()
+
+    def hold(self, ready: Callable[[Frame], bool]) -> None:
+        """Keep the pose until somebody is ready."""
+        while self.guard.mode is Mode.FOLLOW and not ready(self.frame):
+            self.step(None)
+        self._check()
+
+    def walk(self, mind: Mind, task: Task) -> Walk:
+        """Walk once with a mind; the robot stands ready, and rests at the end.
+
+        Raises:
+            Stopped: something was wrong; the line says what. The robot is safe.
+            KeyboardInterrupt: Ctrl-C was pressed. The robot is safe.
+            Lost: the robot is gone.
+        """
+        walking = False
+
+        def mover(reading: Reading) -> Array | None:
+            return mind.ask(reading, walking, self.link.thinking)
+
+        go = round(task.settle / task.control_period)
+        last = go + round(task.duration / task.control_period)
+        rows: list[Row] = []
+        score = None
+        try:
+            self.guard.walking = True
+            for tick in range(last + 1):
+                walking = tick >= go
+                row = self.step(mover)
+                if self.guard.mode is not Mode.FOLLOW:
+                    break
+                if row is None:
+                    continue
+                rows.append(row)
+                score = self._score(task, go, len(rows) - 1, score, row)
+            fell = self._fallen(rows, go, task)
+            walking = False
+            self._for(HALT, mover)
+        finally:
+            self.guard.walking = False
+            self.rest()
+        if fell is None:
+            self._check()
+        fell_at = np.inf if fell is None else fell
+        verdict = None if score is None else tasks.outcome(task, score)
+        return Walk(rows, fell_at, verdict)
+
+    def _score(self, task: Task, go: int, tick: int, score: Any, row: Row) -> Any:
+        """Follow the verdict where something measures where the robot is."""
+        if row.base is None:
+            return score
+        score = tasks.open_score(row.base) if score is None else score
+        number = np.asarray(tick)
+        score = tasks.keep_score(task, np.asarray(go), number, score, row.base)
+        if np.isfinite(score.fell_at):
+            self.guard.stop("the robot fell", Mode.LIMP)
+        return score
+
+    def _fallen(self, rows: list[Row], go: int, task: Task) -> float | None:
+        """Return when the robot fell, s after the request; None if it stood."""
+        if self.guard.mode in (Mode.LIMP, Mode.RELEASED) and self._lies():
+            return (len(rows) - 1 - go) * task.control_period
+        return None
+
+    def _lies(self) -> bool:
+        return self.guard.why == "the robot fell"
+
+    def play(self, targets: Array) -> Walk:
+        """Follow targets [T, J] rad from the first one, where the robot is.
+
+        Raises:
+            Stopped: something was wrong; the line says what.
+            Lost: the robot is gone.
+        """
+        rows: list[Row] = []
+        try:
+            self.guard.walking = True
+            self._for(STEADY, lambda reading: targets[0])
+            for target in targets:
+                row = self.step(lambda reading, target=target: target)
+                if self.guard.mode is not Mode.FOLLOW:
+                    break
+                if row is not None:
+                    rows.append(row)
+        finally:
+            self.guard.walking = False
+            self.rest()
+        if not self._lies():
+            self._check()
+        return Walk(
+            rows, self.link.period * len(rows) if self._lies() else np.inf, None
+        )
+
+    def _for(self, seconds: float, mover: Mover) -> None:
+        """Let a mover go on for a time, while all is well."""
+        for _ in range(round(seconds / self.link.period)):
+            if self.guard.mode is not Mode.FOLLOW:
+                return
+            self.step(mover)
+
+    def rest(self) -> None:
+        """Let the robot crouch, and take its power off."""
+        self.guard.stop("")
+        while self.guard.mode is not Mode.RELEASED:
+            self.step(None, 0.0)
+
+    def idle(self, seconds: float) -> None:
+        """Leave a robot that rests without power, for somebody to take."""
+        for _ in range(round(seconds / self.link.period)):
+            self.step(None, 0.0)
+
+    def _check(self) -> None:
+        """Bring a robot to rest that must not go on, and say why."""
+        if self.interrupted:
+            self.rest()
+            raise KeyboardInterrupt
+        if self.guard.why:
+            self.rest()
+            raise Stopped(f"stopped, since {self.guard.why}")
+
+    @contextmanager
+    def interruptible(self) -> Iterator[None]:
+        """Let Ctrl-C bring the robot to rest first; a second one takes its power."""
+
+        def stop(number: int, place: Any) -> None:
+            del number, place
+            again, self.interrupted = self.interrupted, True
+            self.guard.stop("Ctrl-C was pressed", Mode.LIMP if again else Mode.CROUCH)
+
+        before = signal.signal(signal.SIGINT, stop)
+        try:
+            yield
+        finally:
+            signal.signal(signal.SIGINT, before)
+
+    def close(self) -> None:
+        """Let go of the robot, and close the log."""
+        self.link.close()
+        if self.log is not None:
+            self.log.close()
