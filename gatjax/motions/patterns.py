@@ -208,6 +208,6 @@ def rich(stage: Stage) -> np.ndarray:
     return np.concatenate(
         [
             pattern(stage._replace(rows=int(rows)))
-            for (pattern, _), rows in zip(parts, lengths, strict=True)
+            for (pattern, _), rows in zip(parts, lengths)
         ]
     )

@@ -8,6 +8,7 @@ frames from a request to what the sensors say of it.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import select
 import socket
@@ -201,9 +202,12 @@ class Server:
         self.notes.write_text(json.dumps(told) + "\n")
 
     def serve(self, robot: SimulatedNao, say: Callable[[str], None]) -> None:
-        """Serve one client after the other, until interrupted."""
+        """Serve one client after the other, until interrupted or closed."""
         while True:
-            client, _ = self.socket.accept()
+            try:
+                client, _ = self.socket.accept()
+            except OSError:
+                return
             say("connected")
             with client:
                 self._serve(client, robot, say)
@@ -264,6 +268,8 @@ class Server:
 
     def close(self) -> None:
         """Listen no more."""
+        with contextlib.suppress(OSError):  # wakes a server that waits for a client
+            self.socket.shutdown(socket.SHUT_RDWR)
         self.socket.close()
         self.tracker.close()
         self.path.unlink(missing_ok=True)

@@ -1,0 +1,222 @@
+"""LoLA: bytes by hand from its description, and client and simulated NAO together."""
+
+import json
+import struct
+import threading
+
+import msgpack as library
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gatjax.cli import main
+from gatjax.data.recording import check_recording, read_recording
+from gatjax.hardware import lola, messagepack
+from gatjax.hardware.frames import BadFrame, Command, Lost
+from gatjax.hardware.lola import Lola, answer, as_frame, read_frame
+from gatjax.records import FORCE_SENSORS, JOINTS
+from gatjax.surrogate.lola import Server, SimulatedNao
+
+
+def by_hand(**changes):
+    """A frame written from the description of LoLA, not by gatjax."""
+
+    def text(word):
+        return bytes([0xA0 + len(word)]) + word.encode()
+
+    def floats(values):
+        head = (
+            bytes([0x90 + len(values)]) if len(values) < 16
+            else b"\xdc" + struct.pack(">H", len(values))
+        )  # fmt: skip
+        return head + b"".join(b"\xca" + struct.pack(">f", value) for value in values)
+
+    parts = {
+        "Position": floats([0.01 * index for index in range(25)]),
+        "Stiffness": floats([0.5] * 25),
+        "Temperature": floats([38.0 + index for index in range(25)]),
+        "Current": floats([0.1] * 25),
+        "Status": b"\xdc\x00\x19" + bytes(25),
+        "FSR": floats([0.1 * index for index in range(8)]),
+        "Accelerometer": floats([0.1, 0.2, 9.8]),
+        "Gyroscope": floats([0.01, 0.02, 0.03]),
+        "Angles": floats([0.05, -0.06]),
+        "Battery": floats([0.87, -1.2, 0.0, 31.0]),
+        "Sonar": floats([0.3, 0.4]),
+        "Touch": floats([1.0] + [0.0] * 13),
+        "RobotConfig": b"\x94" + b"".join(
+            text(word)
+            for word in ("P0000073A03S94700011", "6.0.0",
+                         "P0000074A05S93M00061", "6.0.0")
+        ),
+    } | changes  # fmt: skip
+    return bytes([0x80 + len(parts)]) + b"".join(
+        text(key) + value for key, value in parts.items()
+    )
+
+
+def test_a_frame_has_896_bytes_and_every_value_finds_its_place():
+    message = by_hand()
+    assert len(message) == lola.FRAME == 896
+    frame = as_frame(read_frame(message), 1.5, 2.5)
+    angle = dict(zip(JOINTS, frame.reading.angle, strict=True))
+    assert angle["HeadPitch"] == pytest.approx(0.01)
+    assert angle["LHipYawPitch"] == pytest.approx(0.07)  # the eighth in LoLA's order
+    assert angle["LHand"] == pytest.approx(0.23)
+    assert angle["RHand"] == pytest.approx(0.24)
+    force = dict(zip(FORCE_SENSORS, frame.reading.force, strict=True))
+    assert force["RFootRearRight"] == pytest.approx(0.7 * 9.81)
+    assert frame.temperature[JOINTS.index("RWristYaw")] == pytest.approx(60.0)
+    np.testing.assert_allclose(frame.reading.gyro, [0.01, 0.02, 0.03], rtol=1e-6)
+    np.testing.assert_allclose(frame.tilt, [0.05, -0.06], rtol=1e-6)
+    assert (frame.battery, frame.chest) == (pytest.approx(0.87), True)
+    assert (frame.time, frame.received) == (1.5, 2.5)
+
+
+def test_an_answer_is_the_bytes_of_the_description():
+    target = np.arange(25.0)
+    message = answer(Command(target, np.ones(25)))
+    assert message[:1] == b"\x82"
+    assert message[1:10] == b"\xa8Position"
+    assert message[10:13] == b"\xdc\x00\x19"
+    told = messagepack.unpack(message)
+    position = dict(zip(lola.ORDER, told["Position"], strict=True))
+    assert position["LHipYawPitch"] == JOINTS.index("LHipYawPitch")
+    assert position["RHand"] == JOINTS.index("RHand")
+    np.testing.assert_array_equal(told["Stiffness"], 1.0)
+
+
+@pytest.mark.parametrize(
+    ("message", "says"),
+    [
+        (b"", "cannot be read"),
+        (by_hand()[:500], "cannot be read"),
+        (by_hand() + b"\x00", "too many"),
+        (b"\x93\x01\x02\x03", "no map"),
+        (b"\xc1" + by_hand()[1:], "cannot be read"),
+        (by_hand(FSR=b"\x90"), "FSR"),
+        (by_hand(Gyroscope=b"\x93\xa1x\xa1y\xa1z"), "Gyroscope"),
+        (b"\x80", "Position"),
+    ],
+)
+def test_a_frame_that_is_none_is_refused_in_a_line(message, says):
+    with pytest.raises(BadFrame, match=says):
+        read_frame(message)
+
+
+@given(st.binary(max_size=64), st.integers(0, 895))
+def test_no_bytes_break_the_reader(noise, place):
+    message = bytearray(by_hand())
+    message[place : place + len(noise)] = noise
+    try:
+        read_frame(bytes(message))
+    except BadFrame:
+        pass
+
+
+values = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**31), 2**31 - 1) | st.text(max_size=40)
+    | st.floats(width=32, allow_nan=False),
+    lambda inner: st.lists(inner, max_size=20)
+    | st.dictionaries(st.text(max_size=5), inner, max_size=20),
+    max_leaves=30,
+)  # fmt: skip
+
+
+@given(values.filter(lambda value: value is not None))
+def test_packing_is_that_of_the_library(value):
+    def none(entry):
+        if isinstance(entry, dict):
+            return any(none(part) for part in entry.values())
+        return any(map(none, entry)) if isinstance(entry, list) else entry is None
+
+    message = library.packb(value, use_single_float=True)
+    assert listed(messagepack.unpack(message)) == value
+    if not none(value):
+        assert library.unpackb(messagepack.pack(value)) == value
+
+
+def listed(value):
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, dict):
+        return {key: listed(entry) for key, entry in value.items()}
+    return [listed(entry) for entry in value] if isinstance(value, list) else value
+
+
+@pytest.fixture
+def nao(tmp_path):
+    """A simulated NAO in lockstep; the path of its socket."""
+    path, said = tmp_path / "nao.sock", []
+    server = Server(path, lockstep=True)
+    robot = SimulatedNao("stiff", 0, 0)
+    thread = threading.Thread(target=server.serve, args=(robot, said.append))
+    thread.daemon = True
+    thread.start()
+    yield path
+    server.close()
+
+
+def test_deploy_walks_and_logs_every_frame(nao, tmp_path, capsys):
+    out = tmp_path / "deployed"
+    command = ["deploy", "theta0", "--robot", f"lola:{nao}", "--out", str(out)]
+    short = ["--seconds", "2", "--walks", "2"]
+    assert main([*command, *short]) == 0
+    told = json.loads((out / "walks.json").read_text())
+    assert [walk["fell_at_s"] for walk in told["walks"]] == [None, None]
+    assert all(walk["velocity_m_s"] > 0.05 for walk in told["walks"])
+    recording = read_recording(out / "frames_000.csv")
+    check_recording(recording, JOINTS)
+    assert set(recording.trajectory) == {0, 1}
+    for run in (0, 1):
+        time = recording.time[recording.trajectory == run]
+        np.testing.assert_allclose(np.diff(time), lola.PERIOD, atol=1e-6)
+        assert len(time) > 2.5 / lola.PERIOD
+    columns = recording.columns
+    late = columns["sent"] - columns["received"]
+    assert (late > 0.0).all()
+    assert (read_recording(out / "between_000.csv").trajectory == -1).all()
+    capsys.readouterr()
+    assert main([*command, *short]) == 0  # both are there
+    assert not (out / "frames_001.csv").exists()
+
+
+def test_collect_and_evaluate_through_lola(nao, tmp_path, capsys):
+    out = tmp_path / "walks.parquet"
+    at = ["--robot", f"lola:{nao}", "--rate-hz", "83.3"]
+    assert main(["collect", *at, "--trajectories", "1", "--out", str(out)]) == 0
+    recording = read_recording(out)
+    check_recording(recording, JOINTS)
+    assert {"base.x", "command.LKneePitch", "force.LFootFrontLeft"} <= set(
+        recording.columns
+    )
+    place = tmp_path / "evaluated"
+    assert main(["evaluate", *at, "--runs", "1", "--out", str(place)]) == 0
+    assert "lola" in capsys.readouterr().out
+
+
+def test_the_delay_is_three_frames(nao):
+    """A request shows in the third frame after the one that it answers."""
+    robot = SimulatedNao("stiff", 0, 0)
+    robot.angle = np.zeros(25)
+    robot._put_down()
+    knee = JOINTS.index("LKneePitch")
+    before = robot.reading().angle.copy()
+    target = before.copy()
+    target[knee] += 0.5
+    moved = []
+    for _ in range(6):
+        robot.advance(robot.told._replace(target=target, stiffness=np.ones(25)))
+        moved.append(abs(robot.reading().angle[knee] - before[knee]) > 0.005)
+    assert moved[:2] == [False, False] and moved[3]
+
+
+def test_who_is_not_there_and_who_runs_at_another_rate(nao, tmp_path, capsys):
+    with pytest.raises(Lost, match="gatjax nao"):
+        Lola(tmp_path / "nobody")
+    command = ["collect", "--robot", f"lola:{nao}", "--out", str(tmp_path / "x.csv")]
+    assert main(command) == 1
+    assert "--rate-hz 83.3" in capsys.readouterr().err
+    assert main(["evaluate", "--robot", "karl"]) == 1
+    assert "choose from simulator, dart, stiff, lola" in capsys.readouterr().err
