@@ -35,8 +35,8 @@ class Limits(NamedTuple):
     temperature: float = 85.0  # degC of a motor
     heat: int = 2  # very hot: the firmware has cut the power by a third
     tilt: float = float(np.deg2rad(45.0))  # rad, from there on it is a fall
-    still: int = 10  # frames of a sensor that says the same again and again
-    moved: float = 0.15  # rad that targets went meanwhile
+    moved: float = 0.15  # rad that a target goes while a sensor says the same
+    still: int = 10  # frames after which it must have said something else
     crouch: float = 2.0  # rad/s on the way down
     rise: float = 1.0  # s from no power to full power, and back after a crouch
     drop: float = 0.1  # s from full power to none after a fall
@@ -68,10 +68,12 @@ class Guard:
         self._frame, self._reading = first, first.reading
         self._chest = first.chest
         self._bad = self._silent = 0
-        self._still = np.zeros(
-            len(JOINTS) + 2, int
-        )  # frames: joints, gyro, accelerometer
-        self._travel = np.zeros(len(JOINTS) + 2)  # rad that targets went meanwhile
+        # Of joints, gyroscope and accelerometer, since they last said something new:
+        self._span = np.tile(self.sent, (2, 1))  # [2, J] rad, least and largest target
+        self._way = np.zeros(
+            2
+        )  # rad that the target of a joint went, for the other two
+        self._still = np.zeros(len(JOINTS) + 2, int)  # frames after that was much
         self._from, self._shares = self.sent, 0.0  # the way into the crouch
 
     def stop(self, why: str, mode: Mode = Mode.CROUCH) -> None:
@@ -140,21 +142,23 @@ class Guard:
         if hot.any():
             joint = int(np.argmax(np.where(hot, frame.temperature, -np.inf)))
             self.stop(f"{JOINTS[joint]} is hot, {frame.temperature[joint]:.0f} degC")
-        stuck = (self._still >= limits.still) & (self._travel > limits.moved)
-        for index in np.flatnonzero(stuck)[:1]:
+        for index in np.flatnonzero(self._still >= limits.still)[:1]:
             name = (*JOINTS, "the gyroscope", "the accelerometer")[index]
-            self.stop(f"{name} says the same for {self._still[index]} frames")
+            self.stop(f"{name} stands still, though the robot was told to move")
 
     def _count_still(self, reading: Reading) -> None:
-        """Count how long each sensor has said the same while targets moved."""
+        """Count how long each sensor says the same after targets moved."""
         old = self._reading
         same = np.append(
             reading.angle == old.angle,
             [(reading.gyro == old.gyro).all(),
              (reading.accelerometer == old.accelerometer).all()],
         )  # fmt: skip
-        self._still = np.where(same, self._still + 1, 0)
-        self._travel = np.where(same, self._travel, 0.0)
+        joints, others = same[: len(JOINTS)], same[len(JOINTS) :]
+        self._span = np.where(joints, self._span, self.sent)
+        self._way = np.where(others, self._way, 0.0)
+        moved = np.append(self._span[1] - self._span[0], self._way)
+        self._still = np.where(moved > self.limits.moved, self._still + 1, 0)
 
     def command(self, wanted: Array | None, power: float = 1.0) -> Command:
         """Return what the robot is told now.
@@ -163,11 +167,11 @@ class Guard:
             wanted: [J] rad; None if nobody said: the robot stays where it was told.
             power: share of full power to go to while all is well.
         """
-        wanted = self._asked(wanted) if self.mode is Mode.FOLLOW else self.sent
+        goal = self._asked(wanted) if self.mode is Mode.FOLLOW else self.sent
         if self.mode is Mode.CROUCH:
-            wanted, power = self._down()
+            goal, power = self._down()
         elif self.mode is not Mode.FOLLOW:
-            wanted, power = self._reading.angle, 0.0
+            goal, power = self._reading.angle, 0.0
         limits = self.limits
         slow = limits.drop if self.mode is Mode.LIMP else limits.rise
         step = self.period / slow
@@ -175,10 +179,12 @@ class Guard:
         if self.mode in (Mode.CROUCH, Mode.LIMP) and self.share <= 0.0:
             self.mode = Mode.RELEASED
         reach = SPEEDS * self.period
-        target = np.clip(wanted, self.sent - reach, self.sent + reach)
+        target = np.clip(goal, self.sent - reach, self.sent + reach)
         target = np.clip(target, nao.LOW, nao.HIGH)
-        moved = np.abs(target - self.sent)
-        self._travel = self._travel + np.append(moved, [moved.max()] * 2)
+        self._way = self._way + np.abs(target - self.sent).max()
+        self._span = np.stack(
+            [np.minimum(self._span[0], target), np.maximum(self._span[1], target)]
+        )
         self.sent = target
         return Command(target, np.full(len(JOINTS), self.share))
 

@@ -134,7 +134,7 @@ def _check(limbs: Limbs, rate_hz: float, reach: float) -> None:
         raise ValueError(f"a motion at {rate_hz:g} Hz is not smooth; use 20 or more")
     low, high = np.asarray(limbs.limits).T
     for name, home, least, most, speed in zip(
-        limbs.names, limbs.home, low, high, limbs.speed, strict=True
+        limbs.names, limbs.home, low, high, limbs.speed
     ):
         if not least <= home <= most:
             raise ValueError(

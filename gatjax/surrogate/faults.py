@@ -167,8 +167,8 @@ FAULTS: dict[str, tuple[Fault, str]] = {
     "knee reads 1 rad off": (
         reads(FOREVER, _set("Position", KNEE, -1.0)), "LKneePitch cannot be",
     ),
-    "knee reading frozen": (frozen("Position", KNEE), "LKneePitch says the same"),
-    "gyroscope frozen": (frozen("Gyroscope"), "gyroscope says the same"),
+    "knee reading frozen": (frozen("Position", KNEE), "LKneePitch stands still"),
+    "gyroscope frozen": (frozen("Gyroscope"), "gyroscope stands still"),
     "battery empty": (reads(FOREVER, _set("Battery", 0, 0.02)), "battery"),
     "knee hot": (reads(FOREVER, _set("Temperature", KNEE, 95.0)), "LKneePitch is hot"),
     "knee very hot, says LoLA": (
