@@ -63,6 +63,9 @@ class Collect:
     lola: a NAO v6 (or gatjax nao), lola:SOCKET for another socket than /tmp/robocup.
     Between runs of a NAO somebody puts it back and presses the button on its chest."""
     motion: Annotated[str | None, tyro.conf.arg(help=MOTIONS)] = None
+    hung: bool = False
+    """With --motion: the robot hangs by its torso and moves its joints far; the model
+    to diagnose such a log with is --model nao_hung."""
     joints: tuple[str, ...] = ()
     """With --motion: joints to move, with commas or spaces between; all if left out."""
     reach: float | None = None
@@ -286,6 +289,8 @@ class SimulateNao:
     socket: Path = Path("/tmp/robocup")
     lockstep: bool = False
     """Wait for every answer, as fast as both can; otherwise in real time."""
+    hung: bool = False
+    """Hang it up instead of putting it on its feet, for motions (collect --hung)."""
     body_seed: int = 0
     """Which robot of the series."""
     seed: int = 0

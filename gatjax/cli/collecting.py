@@ -12,7 +12,8 @@ from gatjax.cli.inputs import check_least, policy_of, robot_of
 from gatjax.cli.progress import shown
 from gatjax.data.recording import Recording, check_ending, write_recording
 from gatjax.data.trajectories import to_recording
-from gatjax.loop.play import Play, Player, record_motion
+from gatjax.hardware.robot import Hardware, HungHardware
+from gatjax.loop.play import Hangable, Play, Player, record_motion
 from gatjax.runs import make_folder
 from gatjax.settings import ROBOT_LOG, SIMULATOR_LOG, seeds
 from gatjax.task import RATES, Task, task_at
@@ -26,7 +27,8 @@ def record(verb: verbs.Collect) -> None:
     )
     check_least(1, trajectories=runs_asked)
     check_least(0, seed=verb.seed, body_seed=verb.body_seed)
-    given = {"joints": verb.joints or None, "reach": verb.reach}
+    hung = verb.hung or None
+    given = {"joints": verb.joints or None, "reach": verb.reach, "hung": hung}
     given = given | {"seconds": verb.seconds} if walks else {"policy": verb.policy}
     extra = next((name for name, value in given.items() if value is not None), None)
     if extra is not None:
@@ -37,6 +39,7 @@ def record(verb: verbs.Collect) -> None:
     task = task_at(verb.rate_hz) if walks else playing_at(verb.rate_hz, verb.robot)
     folder = verb.out.with_suffix("")
     robot = robot_of(verb.robot, verb.body_seed, verb.world, task, folder)
+    robot = hung_up(robot) if verb.hung else robot
     purpose = SIMULATOR_LOG if verb.robot == "simulator" else ROBOT_LOG
     drawn = seeds(purpose, verb.seed, runs_asked)
     if asked is None:
@@ -46,6 +49,15 @@ def record(verb: verbs.Collect) -> None:
     make_folder(verb.out.parent)
     write_recording(verb.out, recording)
     print(f"{verb.out}: {told}")
+
+
+def hung_up(robot: Any) -> Player:
+    """Return a robot with its torso held in the air."""
+    if isinstance(robot, Hardware):
+        return HungHardware(robot.address, robot.folder, robot.attendant)
+    if isinstance(robot, Hangable):
+        return robot.hung()
+    raise ValueError("--hung: give the simulator a model that hangs, with --world")
 
 
 def playing_at(rate_hz: float, robot: str) -> Task:

@@ -252,7 +252,7 @@ def simulate(verb: verbs.SimulateNao) -> None:
     from gatjax.surrogate.lola import Server, SimulatedNao
 
     check_least(0, seed=verb.seed, body_seed=verb.body_seed)
-    robot = SimulatedNao(verb.robot, verb.body_seed, verb.seed)
+    robot = SimulatedNao(verb.robot, verb.body_seed, verb.seed, verb.hung)
     server = Server(verb.socket, verb.lockstep)
     pace = "in lockstep" if verb.lockstep else "in real time"
     print(f"{verb.robot} as a NAO at {verb.socket}, {pace}; Ctrl-C ends it", flush=True)

@@ -183,6 +183,14 @@ class Hardware:
             session.run = BETWEEN
 
 
+class HungHardware(Hardware):
+    """The same robot, hung up by its torso: it plays motions and cannot fall."""
+
+    def limbs(self) -> Limbs:
+        """Return what a motion must know of it."""
+        return standing_nao()._replace(floating=False)
+
+
 def padded(rows: list[Row], ticks: int, period: float) -> Trajectory:
     """Turn the rows of a run into a Trajectory [ticks, ...].
 

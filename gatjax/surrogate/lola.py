@@ -39,25 +39,18 @@ IDENTITY = ("P0000000000000000000", "6.0.0", "P0000000000000000001", "6.0.0")
 Build = Callable[[Body, Floor, Run, np.ndarray, Task], course.Machine]
 
 
-def dart(
-    body: Body, floor: Floor, run: Run, pose: np.ndarray, task: Task
-) -> course.Machine:
-    """Put the robot `dart` down."""
-    from gatjax.surrogate.dart import Nao
+def build_of(robot: str, hung: bool) -> Build:
+    """Return what puts a stand-in robot down, or hangs it up."""
+    if robot == "dart":
+        from gatjax.surrogate.dart import HungNao, Nao
 
-    return Nao(body, floor, run, pose, task)
+        return HungNao if hung else Nao
+    from gatjax.surrogate.stiff import Flock, HungFlock
 
-
-def stiff(
-    body: Body, floor: Floor, run: Run, pose: np.ndarray, task: Task
-) -> course.Machine:
-    """Put the robot `stiff` down."""
-    from gatjax.surrogate.stiff import Flock
-
-    return Flock(body, floor, [run], pose[None], task)
-
-
-BUILDS: dict[str, Build] = {"dart": dart, "stiff": stiff}
+    kind = HungFlock if hung else Flock
+    return lambda body, floor, run, pose, task: kind(
+        body, floor, [run], pose[None], task
+    )
 
 
 class Told(NamedTuple):
@@ -70,9 +63,18 @@ class Told(NamedTuple):
 class SimulatedNao:
     """A robot and the hands that look after it, one frame after the other."""
 
-    def __init__(self, robot: str, body_seed: int, seed: int) -> None:
-        """Take a robot of the series; `seed` draws its starts and its noise."""
-        self.build, self.seed = BUILDS[robot], seed
+    def __init__(
+        self, robot: str, body_seed: int, seed: int, hung: bool = False
+    ) -> None:
+        """Take a robot of the series.
+
+        Args:
+            robot: dart or stiff.
+            body_seed: which of the series.
+            seed: draws its starts and its noise.
+            hung: the hands hang it up by its torso instead of putting it down.
+        """
+        self.build, self.seed = build_of(robot, hung), seed
         self.body = draw_body(body_seed)
         self.floor = draw_floor(self.body, E1)
         self.task = task_at(83.3)

@@ -1,0 +1,286 @@
+"""SimSpark (rcssserver3d), the simulator of the paper: its NAO over TCP.
+
+The server runs in lockstep (`$agentSyncMode = true`). A joint is told a speed; the
+position is held here: v = (new target - old target + 0.2 (old target - angle)) / 20 ms.
+What its messages look like and which signs its joints have: docs/hardware.md.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gatjax.hardware.agent import Agent, named, parse
+from gatjax.hardware.frames import BadFrame, Command, Frame, Lost
+from gatjax.hardware.monitor import Monitor
+from gatjax.records import JOINTS, Base, Reading
+
+Array = Any
+
+PERIOD = 0.02  # s
+FASTEST = 6.13  # rad/s that a joint is told at most
+PULL = 0.2  # share of the error that is made good in a period
+PATIENCE = 10.0  # s
+SETTLE = 25  # frames in which a new robot falls to the ground
+_PARTS = {
+    "HeadYaw": ("h", 1, 1), "HeadPitch": ("h", 2, -1),
+    "ShoulderPitch": ("a", 1, -1), "ShoulderRoll": ("a", 2, 1),
+    "ElbowYaw": ("a", 3, 1), "ElbowRoll": ("a", 4, 1),
+    "HipYawPitch": ("l", 1, 1), "HipRoll": ("l", 2, 1), "HipPitch": ("l", 3, -1),
+    "KneePitch": ("l", 4, -1), "AnklePitch": ("l", 5, -1), "AnkleRoll": ("l", 6, 1),
+}  # fmt: skip
+"""Joint of the NAO -> limb, number, sign."""
+EFFECTORS = (
+    "he1", "he2", *(f"{side}ae{n}" for side in "lr" for n in range(1, 5)),
+    *(f"{side}le{n}" for side in "lr" for n in range(1, 7)),
+)  # fmt: skip
+"""Joints of SimSpark in the order in which they are told."""
+
+
+class Slot(NamedTuple):
+    """Where a joint of SimSpark belongs."""
+
+    joint: int  # in JOINTS
+    sign: float
+
+
+def _slot(effector: str) -> Slot:
+    """Find the NAO's joint; both hips turn with LHipYawPitch."""
+    head = effector.startswith("h")
+    side = "" if head else effector[0].upper()
+    limb, number = ("h" if head else effector[1]), int(effector[-1])
+    for name, (part, count, sign) in _PARTS.items():
+        if (part, count) == (limb, number):
+            joint = side + name if not head else name
+            joint = "LHipYawPitch" if name == "HipYawPitch" else joint
+            return Slot(JOINTS.index(joint), float(sign))
+    raise ValueError(effector)
+
+
+SLOTS = tuple(_slot(effector) for effector in EFFECTORS)
+JOINT, SIGN = np.array([s.joint for s in SLOTS]), np.array([s.sign for s in SLOTS])
+SENSED = {
+    effector.replace("e", "j"): slot
+    for effector, slot in zip(EFFECTORS, SLOTS)
+    if effector != "rle1"
+}  # "he1" is sensed as "hj1"; of the two hips that turn together the left one counts
+FRONT, REAR, OUTER, INNER = 0.0703, -0.03, 0.0299, -0.0211  # m, foot sensors [URDF]
+
+
+class Type(NamedTuple):
+    """A robot of SimSpark."""
+
+    scene: str
+    start: tuple[float, float]  # m, in its own half, with room ahead
+    stiffness: bool  # it can be told
+
+
+TYPES = {
+    "simspark": Type("(scene rsg/agent/nao/nao.rsg 0)", (-12.0, 0.0), False),
+    "simspark-v4": Type("(scene rsg/agent/naov4/nao.rsg)", (-4.0, 0.0), True),
+}
+HINT = (
+    "start rcssserver3d with $agentSyncMode = true, or name another server: "
+    "--robot simspark:HOST:PORT:MONITORPORT, or GATJAX_SIMSPARK"
+)
+
+
+class SimSpark:
+    """A NAO in SimSpark; a `frames.Link`."""
+
+    period = PERIOD
+    realtime = False
+    clocked = True
+    thinking = 20.0
+
+    def __init__(
+        self, name: str, host: str, port: int, monitor: int | None = None,
+        scene: str | None = None,
+    ) -> None:  # fmt: skip
+        """Connect and put a robot on the field.
+
+        Args:
+            name: a key of TYPES.
+            host: of the server.
+            port: of agents.
+            monitor: port of monitors; tells where a robot is that has no GPS.
+            scene: message that makes the robot, where it is not the usual one.
+
+        Raises:
+            Lost: one line: nobody is there, or does not answer.
+        """
+        self.name, self.type = name, TYPES[name]
+        self.scene = scene or self.type.scene
+        self.where = (host, port)
+        self.monitor = None if monitor is None else Monitor(host, monitor)
+        self.agent = self._join()
+
+    def _join(self) -> Agent:
+        """Make a robot and beam it to its start."""
+        agent = Agent(*self.where, HINT)
+        x, y = self.type.start
+        for text in (
+            self.scene, "(init (unum 1)(teamname gat))", "", f"(beam {x:g} {y:g} 0)",
+        ):  # fmt: skip
+            agent.send(text + "(syn)")
+            if agent.receive(PATIENCE) is None:
+                what = text or "(syn)"
+                raise Lost(f"{agent.place}: no answer to {what} for {PATIENCE:g} s")
+        self._angle = np.zeros(len(JOINTS))  # of joints that SimSpark does not have
+        self._told = np.zeros(len(EFFECTORS))  # rad, in SimSpark's signs
+        self._sensed = np.zeros(len(EFFECTORS))
+        self._due, self._first = True, True
+        self._temperature = np.full(len(JOINTS), 25.0)
+        self._battery = 1.0
+        return agent
+
+    def place(self) -> bool:
+        """Make the robot anew, at its start, and let it come to the ground."""
+        self.agent.close()
+        self.agent = self._join()
+        for _ in range(SETTLE):
+            if self.receive(PATIENCE) is None:
+                raise Lost(f"{self.name}: silent for {PATIENCE:g} s")
+            self.send(Command(self._angle, np.ones(len(JOINTS))))
+        return True
+
+    def receive(self, timeout: float) -> Frame | None:
+        """Return the next frame; see `frames.Link`."""
+        if self._due:  # the server waits for an answer to its last message
+            self.agent.send("(syn)")
+            self._due = False
+        text = self.agent.receive(timeout)
+        if text is None:
+            return None
+        received = time.monotonic()
+        try:
+            return self._frame(parse(text), received)
+        except (KeyError, IndexError, ValueError, TypeError) as error:
+            raise BadFrame(f"a message cannot be read: {error}") from error
+
+    def _frame(self, message: list[Any], received: float) -> Frame:
+        """Translate a message."""
+        now, tilt, base = 0.0, np.zeros(2), None
+        gyro, pull, force = np.zeros(3), np.zeros(3), np.zeros(8)
+        for kind, *rest in message:
+            told = named(rest)
+            if kind == "time":
+                now = float(told["now"][0])
+            elif kind == "HJ":
+                self._joint(told)
+            elif kind == "GYR":
+                gyro = np.deg2rad(_turned(told["rt"]))
+            elif kind == "ACC":
+                pull = _turned(told["a"])
+            elif kind == "FRP":
+                side = 0 if told["n"][0] == "lf" else 4
+                force[side : side + 4] = shared(told["c"], told["f"], side == 0)
+            elif kind == "GPS" and told["n"][0] == "torso":
+                base = placed(np.array(told["tf"], float).reshape(4, 4))
+            elif kind == "BAT":
+                self._battery = float(rest[0])
+        if base is None and self.monitor is not None:
+            base = self.monitor.base()
+        if base is not None:
+            tilt = _tilt(base.quaternion)
+        return Frame(
+            time=now, received=received,
+            reading=Reading(self._angle.copy(), gyro, pull, force), tilt=tilt,
+            stiffness=np.ones(len(JOINTS)), temperature=self._temperature.copy(),
+            current=np.zeros(len(JOINTS)), heat=np.zeros(len(JOINTS)),
+            battery=self._battery, chest=False, base=base,
+        )  # fmt: skip
+
+    def _joint(self, told: dict[str, list[Any]]) -> None:
+        """Take what a joint says."""
+        name = told["n"][0]
+        angle = np.deg2rad(float(told["ax"][0]))
+        self._sensed[EFFECTORS.index(name.replace("j", "e"))] = angle
+        slot = SENSED.get(name)
+        if slot is None:
+            return
+        self._angle[slot.joint] = slot.sign * angle
+        if "tp" in told:
+            self._temperature[slot.joint] = float(told["tp"][0])
+
+    def send(self, command: Command) -> None:
+        """Answer the last frame; see `frames.Link`."""
+        target = SIGN * command.target[JOINT]
+        old = target if self._first else self._told
+        speed = (target - old + PULL * (old - self._sensed)) / PERIOD
+        speed = np.clip(speed, -FASTEST, FASTEST)
+        power = command.stiffness[JOINT]
+        if not self.type.stiffness:
+            speed = np.where(power > 0.0, speed, 0.0)
+        parts = [f"({name} {value:.3f})" for name, value in zip(EFFECTORS, speed)]
+        if self.type.stiffness:
+            parts += [f"({name}s {share:.2f})" for name, share in zip(EFFECTORS, power)]
+        self.agent.send("".join(parts).replace("-0.000", "0.000") + "(syn)")
+        self._told, self._first = target, False
+        missing = np.setdiff1d(np.arange(len(JOINTS)), JOINT)
+        self._angle[missing] = command.target[missing]
+
+    def close(self) -> None:
+        """Leave the field."""
+        self.agent.close()
+        if self.monitor is not None:
+            self.monitor.close()
+
+
+def _turned(words: list[str]) -> Array:
+    """Turn a vector of SimSpark (right, forward, up) into forward, left, up."""
+    x, y, z = (float(word) for word in words)
+    return np.array([y, -x, z])
+
+
+def shared(centre: list[str], force: list[str], left: bool) -> Array:
+    """Share the force on a foot among its four sensors, so that its centre is right.
+
+    Args:
+        centre: of the force, m: right, forward, up, from the middle of the foot.
+        force: N, in the same axes.
+        left: it is the left foot.
+
+    Returns:
+        [4] N: front left, front right, rear left, rear right.
+    """
+    right, forward = float(centre[0]), float(centre[1])
+    up = max(float(force[2]), 0.0)
+    outer, inner = (OUTER, INNER) if left else (-INNER, -OUTER)
+    ahead = np.clip((forward - REAR) / (FRONT - REAR), 0.0, 1.0)
+    aside = np.clip((-right - inner) / (outer - inner), 0.0, 1.0)
+    return up * np.array(
+        [
+            ahead * aside,
+            ahead * (1 - aside),
+            (1 - ahead) * aside,
+            (1 - ahead) * (1 - aside),
+        ]
+    )
+
+
+def placed(pose: Array) -> Base:
+    """Position and quaternion of a pose [4, 4], world from torso."""
+    r = pose[:3, :3]
+    axis = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
+    w = 0.5 * np.sqrt(max(1.0 + np.trace(r), 0.0))
+    if w > 0.1:
+        quaternion = np.append(w, axis / (4.0 * w))
+    else:  # half a turn, nearly: the largest of the other three leads
+        squares = 0.5 * (1.0 + 2.0 * np.diag(r) - np.trace(r))
+        lead = int(np.argmax(squares))
+        first = np.sqrt(max(squares[lead], 1e-12) / 1.0) / np.sqrt(1.0)
+        first = np.sqrt(max(0.5 * squares[lead], 1e-12))
+        vector = (r[lead] + r[:, lead]) / (4.0 * first)
+        vector[lead] = first
+        quaternion = np.append(axis[lead] / (4.0 * first), vector)
+    return Base(pose[:3, 3].copy(), quaternion / np.linalg.norm(quaternion))
+
+
+def _tilt(quaternion: Array) -> Array:
+    """Roll and pitch of a torso, rad."""
+    w, x, y, z = quaternion
+    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    return np.array([roll, np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))])
