@@ -41,7 +41,8 @@ class LoopSettings:
     """Collect, ground, search, evaluate: everything that shapes the numbers."""
 
     robot: str = "dart"
-    """Robot that the simulator does not know: dart or stiff."""
+    """Robot that the simulator does not know: dart or stiff, or one behind a link:
+    lola, simspark, simspark-v4 (see gatjax collect; --rate-hz 83.3 for lola)."""
     body_seed: int = 0
     """Which random body (masses, joint offsets, sensor gains) the robot has."""
     methods: tuple[str, ...] = ("none", "envelope", "guided", "gat")

@@ -60,7 +60,8 @@ class Collect:
     """Parquet or CSV file to write."""
     robot: str = "dart"
     """dart and stiff: stand-in NAOs on their feet; simulator: the robot of --world;
-    lola: a NAO v6 (or gatjax nao), lola:SOCKET for another socket than /tmp/robocup.
+    lola: a NAO v6 (or gatjax nao), lola:SOCKET for another socket than /tmp/robocup;
+    simspark, simspark-v4: the NAOs of rcssserver3d, :HOST:PORT:MONITORPORT after it.
     Between runs of a NAO somebody puts it back and presses the button on its chest."""
     motion: Annotated[str | None, tyro.conf.arg(help=MOTIONS)] = None
     hung: bool = False
@@ -222,7 +223,7 @@ class Evaluate:
     policies: tuple[Path, ...] = ()
     """Policy JSON files; theta0 if none."""
     robot: str = "dart"
-    """dart, stiff, simulator, or a robot behind a link: lola (see gatjax collect)."""
+    """dart, stiff, simulator, or a robot behind a link (see gatjax collect)."""
     out: Path = Path("evaluated")
     """Folder for frames and walks of a robot behind a link; the same one goes on."""
     world: Path | None = None
@@ -242,7 +243,8 @@ class View:
     out: Path = Path("walk.html")
     """html file to write; .mp4 for a video (pip install 'gatjax[video]')."""
     policy: Path | None = None
-    robot: Literal["simulator", "dart", "stiff"] = "simulator"
+    robot: str = "simulator"
+    """simulator, dart, stiff, or a robot behind a link (see gatjax collect)."""
     world: Path | None = None
     live: bool = False
     """Open MuJoCo's window instead of writing a file."""
@@ -265,7 +267,7 @@ class Deploy:
     policy: tyro.conf.Positional[Path]
     """Policy JSON of a run; theta0 is the walk that was tuned by hand."""
     robot: str = "lola"
-    """lola, or lola:SOCKET."""
+    """lola, simspark or simspark-v4, with or without an address (gatjax collect)."""
     walks: int = 1
     forward: float = 0.75
     """Forward request, a share of the policy's top speed."""

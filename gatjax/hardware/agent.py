@@ -1,4 +1,4 @@
-"""Agents of the RoboCup 3D simulators: S-expressions over TCP, each after its length."""
+"""Agents of the RoboCup 3D simulators: S-expressions over TCP, length first."""
 
 from __future__ import annotations
 

@@ -15,7 +15,8 @@ import numpy as np
 from gatjax.hardware.agent import Agent, named, parse
 from gatjax.hardware.frames import BadFrame, Command, Frame, Lost
 from gatjax.hardware.monitor import Monitor
-from gatjax.records import JOINTS, Base, Reading
+from gatjax.hardware.poses import placed, tilt_of
+from gatjax.records import JOINTS, Reading
 
 Array = Any
 
@@ -125,13 +126,15 @@ class SimSpark:
             self.scene, "(init (unum 1)(teamname gat))", "", f"(beam {x:g} {y:g} 0)",
         ):  # fmt: skip
             agent.send(text + "(syn)")
-            if agent.receive(PATIENCE) is None:
+            self._waiting = agent.receive(PATIENCE)
+            if self._waiting is None:
+                agent.close()
                 what = text or "(syn)"
                 raise Lost(f"{agent.place}: no answer to {what} for {PATIENCE:g} s")
         self._angle = np.zeros(len(JOINTS))  # of joints that SimSpark does not have
         self._told = np.zeros(len(EFFECTORS))  # rad, in SimSpark's signs
         self._sensed = np.zeros(len(EFFECTORS))
-        self._due, self._first = True, True
+        self._first = True
         self._temperature = np.full(len(JOINTS), 25.0)
         self._battery = 1.0
         return agent
@@ -148,10 +151,8 @@ class SimSpark:
 
     def receive(self, timeout: float) -> Frame | None:
         """Return the next frame; see `frames.Link`."""
-        if self._due:  # the server waits for an answer to its last message
-            self.agent.send("(syn)")
-            self._due = False
-        text = self.agent.receive(timeout)
+        text, self._waiting = self._waiting, None
+        text = self.agent.receive(timeout) if text is None else text
         if text is None:
             return None
         received = time.monotonic()
@@ -184,7 +185,7 @@ class SimSpark:
         if base is None and self.monitor is not None:
             base = self.monitor.base()
         if base is not None:
-            tilt = _tilt(base.quaternion)
+            tilt = tilt_of(base.quaternion)
         return Frame(
             time=now, received=received,
             reading=Reading(self._angle.copy(), gyro, pull, force), tilt=tilt,
@@ -217,7 +218,7 @@ class SimSpark:
         parts = [f"({name} {value:.3f})" for name, value in zip(EFFECTORS, speed)]
         if self.type.stiffness:
             parts += [f"({name}s {share:.2f})" for name, share in zip(EFFECTORS, power)]
-        self.agent.send("".join(parts).replace("-0.000", "0.000") + "(syn)")
+        self.agent.send("".join(parts) + "(syn)")
         self._told, self._first = target, False
         missing = np.setdiff1d(np.arange(len(JOINTS)), JOINT)
         self._angle[missing] = command.target[missing]
@@ -251,36 +252,4 @@ def shared(centre: list[str], force: list[str], left: bool) -> Array:
     outer, inner = (OUTER, INNER) if left else (-INNER, -OUTER)
     ahead = np.clip((forward - REAR) / (FRONT - REAR), 0.0, 1.0)
     aside = np.clip((-right - inner) / (outer - inner), 0.0, 1.0)
-    return up * np.array(
-        [
-            ahead * aside,
-            ahead * (1 - aside),
-            (1 - ahead) * aside,
-            (1 - ahead) * (1 - aside),
-        ]
-    )
-
-
-def placed(pose: Array) -> Base:
-    """Position and quaternion of a pose [4, 4], world from torso."""
-    r = pose[:3, :3]
-    axis = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
-    w = 0.5 * np.sqrt(max(1.0 + np.trace(r), 0.0))
-    if w > 0.1:
-        quaternion = np.append(w, axis / (4.0 * w))
-    else:  # half a turn, nearly: the largest of the other three leads
-        squares = 0.5 * (1.0 + 2.0 * np.diag(r) - np.trace(r))
-        lead = int(np.argmax(squares))
-        first = np.sqrt(max(squares[lead], 1e-12) / 1.0) / np.sqrt(1.0)
-        first = np.sqrt(max(0.5 * squares[lead], 1e-12))
-        vector = (r[lead] + r[:, lead]) / (4.0 * first)
-        vector[lead] = first
-        quaternion = np.append(axis[lead] / (4.0 * first), vector)
-    return Base(pose[:3, 3].copy(), quaternion / np.linalg.norm(quaternion))
-
-
-def _tilt(quaternion: Array) -> Array:
-    """Roll and pitch of a torso, rad."""
-    w, x, y, z = quaternion
-    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    return np.array([roll, np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))])
+    return up * np.outer([ahead, 1.0 - ahead], [aside, 1.0 - aside]).ravel()

@@ -21,6 +21,7 @@ import numpy as np
 
 from gatjax.hardware import messagepack
 from gatjax.hardware.lola import CHEST, FROM_LOLA, GRAVITY, PERIOD, TO_LOLA
+from gatjax.hardware.poses import tilt_of
 from gatjax.records import JOINTS, Base, Reading
 from gatjax.robot import nao
 from gatjax.surrogate import course
@@ -122,7 +123,7 @@ class SimulatedNao:
             "FSR": np.maximum(reading.force, 0.0) / GRAVITY,
             "Accelerometer": reading.accelerometer,
             "Gyroscope": reading.gyro,
-            "Angles": np.array(_tilt(base.quaternion)),
+            "Angles": tilt_of(base.quaternion),
             "Battery": np.array([0.9, -1.0, 0.0, 30.0]),
             "Sonar": np.ones(2),
             "Touch": touch,
@@ -165,14 +166,6 @@ class SimulatedNao:
         run = draw_run(self.body, self.seed + self.run, self.task, E1)
         self.machine = self.build(self.body, self.floor, run, self.angle, self.task)
         self.since = 0.0
-
-
-def _tilt(quaternion: np.ndarray) -> tuple[float, float]:
-    """Roll and pitch of the torso, rad."""
-    w, x, y, z = quaternion
-    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
-    return float(roll), float(pitch)
 
 
 class Server:
