@@ -2,7 +2,10 @@
 
 import json
 import struct
+import subprocess
+import sys
 import threading
+import time
 
 import msgpack as library
 import numpy as np
@@ -220,3 +223,21 @@ def test_who_is_not_there_and_who_runs_at_another_rate(nao, tmp_path, capsys):
     assert "--rate-hz 83.3" in capsys.readouterr().err
     assert main(["evaluate", "--robot", "karl"]) == 1
     assert "choose from simulator, dart, stiff, lola" in capsys.readouterr().err
+
+
+def test_a_kill_loses_less_than_the_last_second(nao, tmp_path):
+    out = tmp_path / "deployed"
+    command = [sys.executable, "-m", "gatjax.hardware", "theta0", "--seconds", "60"]
+    process = subprocess.Popen(
+        [*command, "--robot", f"lola:{nao}", "--out", out], stderr=subprocess.DEVNULL
+    )
+    path, deadline = out / "frames_000.csv", time.monotonic() + 60.0
+    while not (path.exists() and path.stat().st_size > 1_000_000):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    process.kill()
+    killed = time.monotonic()
+    process.wait()
+    recording = read_recording(path)
+    check_recording(recording, JOINTS)
+    assert killed - recording.columns["received"][-1] < 1.0

@@ -141,7 +141,9 @@ class Guard:
         hot = (frame.temperature > limits.temperature) | (frame.heat >= limits.heat)
         if hot.any():
             joint = int(np.argmax(np.where(hot, frame.temperature, -np.inf)))
-            self.stop(f"{JOINTS[joint]} is hot, {frame.temperature[joint]:.0f} degC")
+            degrees, level = frame.temperature[joint], frame.heat[joint]
+            told = f"{degrees:.0f} degC, level {level:.0f} of 3"
+            self.stop(f"{JOINTS[joint]} is hot: {told}")
         for index in np.flatnonzero(self._still >= limits.still)[:1]:
             name = (*JOINTS, "the gyroscope", "the accelerometer")[index]
             self.stop(f"{name} stands still, though the robot was told to move")

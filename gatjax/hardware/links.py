@@ -35,7 +35,8 @@ def open_link(name: str) -> Link:
         where = where or os.environ.get("GATJAX_SIMSPARK", SIMSPARK)
         host, *ports = where.split(":")
         if len(ports) in (1, 2) and all(port.isdigit() for port in ports):
-            return SimSpark(kind, host, *map(int, ports))
+            agents, *monitors = map(int, ports)
+            return SimSpark(kind, host, agents, *monitors[:1])
         raise ValueError(
             f"{where!r}: SimSpark is at HOST:PORT or HOST:PORT:MONITORPORT"
         )

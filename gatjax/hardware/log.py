@@ -10,7 +10,7 @@ import json
 import os
 import threading
 from pathlib import Path
-from typing import Any
+from typing import Any, Sequence
 
 import numpy as np
 
@@ -101,13 +101,13 @@ class Log:
         parts = [
             command.target, reading.angle, frame.stiffness, frame.temperature,
             frame.current, reading.gyro, reading.accelerometer, reading.force,
-            frame.tilt, [frame.received, sent],
+            frame.tilt,
         ]  # fmt: skip
+        text = [f"{frame.time:.6f}", str(run), *_words(parts)]
+        text += [f"{frame.received:.6f}", f"{sent:.6f}"]
         if self.base and frame.base is not None:
-            parts += [frame.base.position, frame.base.quaternion]
-        numbers = np.concatenate(parts).tolist()
-        text = ",".join([f"{number:.9g}" for number in numbers])
-        return f"{frame.time:.6f},{run},{text}\n"
+            text += _words(frame.base)
+        return ",".join(text) + "\n"
 
     def close(self) -> None:
         """Write the rest.
@@ -122,3 +122,8 @@ class Log:
             file.close()
         if self.failed is not None:
             raise OSError(f"{self.path}: rows were lost ({self.failed.strerror})")
+
+
+def _words(parts: Sequence[Any]) -> list[str]:
+    """Write arrays as words, single precision whole."""
+    return [f"{number:.9g}" for number in np.concatenate(parts).tolist()]

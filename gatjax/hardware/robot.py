@@ -99,7 +99,7 @@ class Hardware:
         walks = [kept(self.folder, policy, seed, task) for policy, seed in asked]
         return stacked(walks)
 
-    def play(self, targets: Array, rate_hz: float, seeds: Sequence[int]) -> Trajectory:
+    def play(self, targets: Array, rate_hz: float, seeds: Array) -> Trajectory:
         """Follow targets [N, T, J] rad, one run after the other.
 
         Raises:

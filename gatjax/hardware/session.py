@@ -127,9 +127,9 @@ class Session:
         Raises:
             Stopped, KeyboardInterrupt: see `walk`.
         """
-        self._check()
         if self.guard.share <= 0.0:
             self._take()
+        self._check()
         start, share = self.guard.sent, 0.0
         seconds = max(1.0, float(np.abs(pose - start).max()) / RISE)
 

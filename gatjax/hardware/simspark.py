@@ -97,7 +97,7 @@ class SimSpark:
     thinking = 20.0
 
     def __init__(
-        self, name: str, host: str, port: int, monitor: int | None = None,
+        self, name: str, host: str, port: int, monitor: int | None = None, *,
         scene: str | None = None,
     ) -> None:  # fmt: skip
         """Connect and put a robot on the field.

@@ -40,6 +40,7 @@ class Direct:
         self.history: list[bytes] = []
         self.feet = -1  # frames since the robot was put down
         self._frames = 0
+        self.thinker = 0  # process of the walk engine, for faults that end it
 
     @property
     def since(self) -> int:
@@ -120,6 +121,11 @@ def earlier(back: int, count: int) -> Fault:
     )
 
 
+def swapped(link: Direct, since: int, message: bytes) -> Message:
+    """Let a frame come after the one that followed it."""
+    return (None, message, link.history[-3])[since] if since < 3 else message
+
+
 def reads(count: int, edit: Callable[[dict[str, Any]], None]) -> Fault:
     """Let so many frames say something else."""
     return lambda link, since, message: (
@@ -160,6 +166,7 @@ FAULTS: dict[str, tuple[Fault, str]] = {
     "1 frame 10 ms late": (late(0.010), ""),
     "1 frame 40 ms late": (late(0.040), "52 ms after"),
     "1 frame twice": (earlier(1, 1), ""),
+    "2 frames in the wrong order": (swapped, ""),
     "one frame again and again": (earlier(1, FOREVER), "came twice"),
     "NaN knee, 1 frame": (reads(1, _set("Position", KNEE, np.nan)), ""),
     "NaN knee": (reads(FOREVER, _set("Position", KNEE, np.nan)), "not a number"),

@@ -1,0 +1,178 @@
+"""What the hardware side does when things go wrong, and how fast it answers.
+
+    python experiments/hardware/run.py --out hardware [--minutes 2]
+
+writes faults.md (every fault injected while a simulated NAO walks, and what came of it)
+and latency.png with latency.json (from a frame's arrival to its answer, in real time).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import signal
+import time
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+
+from gatjax.data.recording import read_recording
+from gatjax.hardware.deploy import deploy
+from gatjax.hardware.guard import SPEEDS
+from gatjax.hardware.lola import PERIOD
+from gatjax.hardware.mind import Mind
+from gatjax.hardware.session import Session, Stopped
+from gatjax.robot import nao
+from gatjax.surrogate.faults import FAULTS, Direct, Fault
+from gatjax.surrogate.lola import Server, SimulatedNao
+from gatjax.task import pose, task_at
+from gatjax.walk.parameters import THETA0
+
+KILLS = {"walk engine killed": signal.SIGKILL, "walk engine hangs": signal.SIGSTOP}
+BEGIN = 150  # frames on its feet, when the fault begins
+
+
+class Quiet:
+    """Nobody at a terminal; the hands of the simulated NAO press the button."""
+
+    def __init__(self) -> None:
+        """Nothing pressed yet."""
+        self.down = True
+
+    def ready(self, run, frame):
+        """Return whether the button went down."""
+        pressed, self.down = frame.chest and not self.down, frame.chest
+        return pressed
+
+    def distance(self, run):
+        """Motion capture knows."""
+        raise AssertionError("the simulated NAO says where it is")
+
+    def say(self, text):
+        """Print it."""
+        print(text, flush=True)
+
+
+def main() -> None:
+    """Inject faults, then walk in real time."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--robot", choices=["dart", "stiff"], default="dart")
+    parser.add_argument("--minutes", type=float, default=2.0, help="of walking")
+    given = parser.parse_args()
+    given.out.mkdir(parents=True, exist_ok=True)
+    rows = [injected(given.robot, name, fault) for name, (fault, _) in FAULTS.items()]
+    rows += [killed(given.robot, *each) for each in KILLS.items()]
+    table = faults_table(rows)
+    print(table)
+    (given.out / "faults.md").write_text(table)
+    late = latencies(given.robot, given.minutes, given.out / "walks")
+    facts = {
+        "frames": len(late),
+        "median_ms": float(np.median(late)),
+        "p99_ms": float(np.quantile(late, 0.99)),
+        "p99_9_ms": float(np.quantile(late, 0.999)),
+        "largest_ms": float(late.max()),
+    }
+    print(facts)
+    (given.out / "latency.json").write_text(json.dumps(facts, indent=2) + "\n")
+    draw(late, facts, given.out / "latency.png")
+
+
+def killed(robot: str, name: str, number: int) -> tuple[str, str, str, str]:
+    """Send the walk engine a signal while the robot walks."""
+
+    def fault(link: Direct, since: int, message: bytes) -> bytes:
+        if since == 0:
+            os.kill(link.thinker, number)
+        return message
+
+    return injected(robot, name, fault)
+
+
+def injected(robot: str, name: str, fault: Fault) -> tuple[str, str, str, str]:
+    """Let a robot walk into a fault: name, what the guard did, how it ended."""
+    link = Direct(SimulatedNao(robot, 0, 0), fault, BEGIN)
+    session, quiet = Session(link), Quiet()
+    session.prepare(pose(THETA0))
+    session.hold(lambda frame: quiet.ready(0, frame))
+    task = task_at(83.3, duration=3.0)
+    mind = Mind(task, THETA0)
+    link.thinker = mind.process.pid
+    try:
+        session.walk(mind, task)
+        said = "walked on"
+    except Stopped as stopped:
+        said = str(stopped).partition("since ")[2]
+    finally:
+        mind.close()
+    height = link.nao.base().position[2]
+    tilt = np.rad2deg(np.abs(session.frame.tilt).max())
+    end = f"{'stands' if height > 0.2 else 'lies'}, tilt {tilt:.0f} deg"
+    return name, said, end, commanded(link)
+
+
+def commanded(link: Direct) -> str:
+    """Say how close the commands came to what no joint may get."""
+    targets = np.array([command.target for command in link.commands])
+    assert np.isfinite(targets).all()
+    assert ((targets >= nao.LOW) & (targets <= nao.HIGH)).all()
+    speed = (np.abs(np.diff(targets, axis=0)) / PERIOD / SPEEDS).max()
+    return f"{100.0 * speed:.0f} %"
+
+
+def faults_table(rows: list) -> str:
+    """Write the table."""
+    head = "| injected | the guard | the robot at the end | of top speed |\n"
+    head += "|---|---|---|--:|\n"
+    return head + "".join(f"| {' | '.join(row)} |\n" for row in rows)
+
+
+def serve(robot: str, path: Path) -> None:
+    """Serve a simulated NAO in real time, in a process of its own."""
+    Server(path, lockstep=False).serve(SimulatedNao(robot, 0, 0), print)
+
+
+def latencies(robot: str, minutes: float, out: Path) -> np.ndarray:
+    """Walk in real time; return ms from the arrival of a frame to its answer, [N]."""
+    out.mkdir(parents=True, exist_ok=True)
+    path = out / "nao.sock"
+    told = path.with_name("nao.sock.json")
+    told.unlink(missing_ok=True)  # of a run before
+    server = multiprocessing.Process(target=serve, args=(robot, path), daemon=True)
+    server.start()
+    while not told.exists():
+        time.sleep(0.1)
+    task = task_at(83.3, duration=15.0)
+    walks = max(1, round(minutes * 60.0 / task.duration))
+    deploy(Path("theta0"), f"lola:{path}", walks, task, out, Quiet())
+    server.kill()
+    columns = read_recording(out / "frames_000.csv").columns
+    return 1e3 * (columns["sent"] - columns["received"])
+
+
+def draw(late: np.ndarray, facts: dict, path: Path) -> None:
+    """Draw the histogram."""
+    figure, axes = plt.subplots(figsize=(8.0, 3.6), layout="constrained")
+    axes.hist(late, np.arange(0.0, 13.0, 0.1), color="#35618f")
+    axes.set_yscale("log")
+    axes.axvline(1e3 * PERIOD, color="#b3402a")
+    axes.annotate("next frame", (1e3 * PERIOD, 1.0), color="#b3402a", ha="right",
+                  xytext=(-4, 90), textcoords="offset points")  # fmt: skip
+    axes.set_xlabel("from a frame's arrival to its answer [ms]")
+    axes.set_ylabel("frames")
+    axes.set_title(
+        f"{facts['frames']} frames in real time: median {facts['median_ms']:.1f} ms, "
+        f"99.9 % within {facts['p99_9_ms']:.1f} ms"
+    )
+    figure.savefig(path, dpi=110)
+
+
+if __name__ == "__main__":
+    main()
