@@ -221,6 +221,8 @@ def test_who_is_not_there_and_who_runs_at_another_rate(nao, tmp_path, capsys):
     command = ["collect", "--robot", f"lola:{nao}", "--out", str(tmp_path / "x.csv")]
     assert main(command) == 1
     assert "--rate-hz 83.3" in capsys.readouterr().err
+    assert main(["run", "--robot", f"lola:{nao}", "--methods", "oracle"]) == 1
+    assert "oracle searches on the robot itself" in capsys.readouterr().err
     assert main(["evaluate", "--robot", "karl"]) == 1
     assert "choose from simulator, dart, stiff, lola" in capsys.readouterr().err
 

@@ -22,8 +22,10 @@ from gatjax.cli.resume import open_search, resumed
 from gatjax.data.mapping import read_map
 from gatjax.data.recording import read_recording
 from gatjax.hardware.deploy import deploy as deployed
+from gatjax.hardware.links import is_hardware
 from gatjax.hardware.terminal import Terminal
 from gatjax.hosts import address_of, serve
+from gatjax.loop.setting import ORACLE
 from gatjax.report import build_report, headline
 from gatjax.report.page import build_walk_page
 from gatjax.robot.model import check_walker
@@ -53,6 +55,7 @@ def run(verb: verbs.Run) -> None:
         raise ValueError(f"--run {verb.run} goes with --resume; a new run takes --out")
     else:
         settings = loop.resolved(verb.loop)
+        check_searchable(settings)
         robot_named(settings.robot, settings.body_seed, verb.out)  # before its folder
         device = str(jax.devices()[0])
         folder = runs.open_run(verb.out, settings, device=device).path
@@ -69,6 +72,15 @@ def run(verb: verbs.Run) -> None:
     if not done:
         print("this run was finished already; its report is written again")
     _reported(folder)
+
+
+def check_searchable(settings: LoopSettings) -> None:
+    """Refuse to search on a robot that is really there: it takes thousands of walks."""
+    if ORACLE in settings.methods and is_hardware(settings.robot):
+        raise ValueError(
+            f"oracle searches on the robot itself, which {settings.robot} would not "
+            f"live through; leave it out of --methods"
+        )
 
 
 def _reported(folder: Path) -> None:
