@@ -43,6 +43,7 @@ class Limits(NamedTuple):
 
 
 LIMITS = Limits()
+FELL = "the robot fell"
 
 
 class Mode(Enum):
@@ -133,7 +134,7 @@ class Guard:
             return
         limits = self.limits
         if np.abs(frame.tilt).max() > limits.tilt:
-            self.stop("the robot fell", Mode.LIMP)
+            self.stop(FELL, Mode.LIMP)
         if pressed:
             self.stop("the chest button was pressed")
         if frame.battery < limits.battery:

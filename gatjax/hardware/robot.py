@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import (
     Any,
@@ -127,15 +127,12 @@ class Hardware:
     def _session(self) -> Iterator[Session]:
         """Hold the robot while the block runs, with a log of its frames."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        link = open_link(self.address)
-        session = Session(link)
-        base = session.frame.base is not None
-        session.log = Log(self.folder, self.name, self.period, base)
-        try:
-            with session.interruptible():
+        with closing(open_link(self.address)) as link:
+            session = Session(link)
+            base = session.frame.base is not None
+            session.log = Log(self.folder, self.name, self.period, base)
+            with closing(session.log), session.interruptible():
                 yield session
-        finally:
-            session.close()
 
     def _walked(
         self, session: Session, policy: Array, task: Task
@@ -178,9 +175,12 @@ class Hardware:
         session.hold(lambda frame: placed or self.attendant.ready(number, frame))
         session.run = number
         try:
-            return run()
+            walk = run()
         finally:
             session.run = BETWEEN
+        if not walk.rows:
+            raise Stopped("the robot fell before the run began")
+        return walk
 
 
 class HungHardware(Hardware):

@@ -11,7 +11,7 @@ import numpy as np
 
 from gatjax import task as tasks
 from gatjax.hardware.frames import BadFrame, Command, Frame, Link, Lost
-from gatjax.hardware.guard import LIMITS, Guard, Limits, Mode
+from gatjax.hardware.guard import FELL, LIMITS, Guard, Limits, Mode
 from gatjax.hardware.log import BETWEEN, Log
 from gatjax.hardware.mind import Mind
 from gatjax.records import Base, Outcome, Reading
@@ -164,49 +164,45 @@ class Session:
         go = round(task.settle / task.control_period)
         last = go + round(task.duration / task.control_period)
         rows: list[Row] = []
-        score = None
+        score, why = None, ""
+        self.guard.walking = True
         try:
-            self.guard.walking = True
             for tick in range(last + 1):
                 walking = tick >= go
                 row = self.step(mover)
                 if self.guard.mode is not Mode.FOLLOW:
                     break
-                if row is None:
-                    continue
-                rows.append(row)
-                score = self._score(task, go, len(rows) - 1, score, row)
-            fell = self._fallen(rows, go, task)
-            walking = False
+                if row is not None:
+                    rows.append(row)
+                    score = self._score(task, go, rows, score)
+            why, walking = self.guard.why, False
             self._for(HALT, mover)
         finally:
-            self.guard.walking = False
             self.rest()
-        if fell is None:
+            self.guard.walking = False
+        fell = why == FELL
+        if why and not fell:
             self._check()
-        fell_at = np.inf if fell is None else fell
+        last_tick = self._tick(rows) if rows else 0
+        fell_at = (last_tick - go) * task.control_period if fell else np.inf
         verdict = None if score is None else tasks.outcome(task, score)
         return Walk(rows, fell_at, verdict)
 
-    def _score(self, task: Task, go: int, tick: int, score: Any, row: Row) -> Any:
+    def _tick(self, rows: list[Row]) -> int:
+        """Number of the last row, counted with frames that were lost."""
+        return round((rows[-1].time - rows[0].time) / self.link.period)
+
+    def _score(self, task: Task, go: int, rows: list[Row], score: Any) -> Any:
         """Follow the verdict where something measures where the robot is."""
-        if row.base is None:
+        base = rows[-1].base
+        if base is None:
             return score
-        score = tasks.open_score(row.base) if score is None else score
-        number = np.asarray(tick)
-        score = tasks.keep_score(task, np.asarray(go), number, score, row.base)
+        score = tasks.open_score(base) if score is None else score
+        tick = np.asarray(self._tick(rows))
+        score = tasks.keep_score(task, np.asarray(go), tick, score, base)
         if np.isfinite(score.fell_at):
-            self.guard.stop("the robot fell", Mode.LIMP)
+            self.guard.stop(FELL, Mode.LIMP)
         return score
-
-    def _fallen(self, rows: list[Row], go: int, task: Task) -> float | None:
-        """Return when the robot fell, s after the request; None if it stood."""
-        if self.guard.mode in (Mode.LIMP, Mode.RELEASED) and self._lies():
-            return (len(rows) - 1 - go) * task.control_period
-        return None
-
-    def _lies(self) -> bool:
-        return self.guard.why == "the robot fell"
 
     def play(self, targets: Array) -> Walk:
         """Follow targets [T, J] rad from the first one, where the robot is.
@@ -216,8 +212,9 @@ class Session:
             Lost: the robot is gone.
         """
         rows: list[Row] = []
+        why = ""
+        self.guard.walking = True
         try:
-            self.guard.walking = True
             self._for(STEADY, lambda reading: targets[0])
             for target in targets:
                 row = self.step(lambda reading, target=target: target)
@@ -225,14 +222,14 @@ class Session:
                     break
                 if row is not None:
                     rows.append(row)
+            why = self.guard.why
         finally:
-            self.guard.walking = False
             self.rest()
-        if not self._lies():
+            self.guard.walking = False
+        if why and why != FELL:
             self._check()
-        return Walk(
-            rows, self.link.period * len(rows) if self._lies() else np.inf, None
-        )
+        fell_at = self.link.period * len(rows) if why == FELL else np.inf
+        return Walk(rows, fell_at, None)
 
     def _for(self, seconds: float, mover: Mover) -> None:
         """Let a mover go on for a time, while all is well."""
@@ -275,9 +272,3 @@ class Session:
             yield
         finally:
             signal.signal(signal.SIGINT, before)
-
-    def close(self) -> None:
-        """Let go of the robot, and close the log."""
-        self.link.close()
-        if self.log is not None:
-            self.log.close()
