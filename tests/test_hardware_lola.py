@@ -221,6 +221,13 @@ def test_who_is_not_there_and_who_runs_at_another_rate(nao, tmp_path, capsys):
     command = ["collect", "--robot", f"lola:{nao}", "--out", str(tmp_path / "x.csv")]
     assert main(command) == 1
     assert "--rate-hz 83.3" in capsys.readouterr().err
+    for flag, value in (("--walks", "0"), ("--forward", "3"), ("--seconds", "nan")):
+        assert main(["deploy", "theta0", "--robot", f"lola:{nao}", flag, value]) == 1
+        assert f"{flag} is {value}" in capsys.readouterr().err
+    file = tmp_path / "notes.txt"
+    file.write_text("mine")
+    assert main(["nao", "--socket", str(file)]) == 1
+    assert "is a file" in capsys.readouterr().err and file.read_text() == "mine"
     assert main(["run", "--robot", f"lola:{nao}", "--methods", "oracle"]) == 1
     assert "oracle searches on the robot itself" in capsys.readouterr().err
     assert main(["evaluate", "--robot", "karl"]) == 1

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from simspark_server import Recorded, lines
+from simspark_server import Kinematic, Recorded, lines
 
 from gatjax.cli import main
+from gatjax.data.recording import check_recording, read_recording
 from gatjax.hardware.agent import parse
 from gatjax.hardware.frames import BadFrame, Command, Lost
 from gatjax.hardware.links import open_link
@@ -159,6 +160,28 @@ def test_silence_is_an_error_and_not_a_wait(monkeypatch):
         port = silent.getsockname()[1]
         with pytest.raises(Lost, match=r"no answer to .scene rsg/agent/nao"):
             SimSpark("simspark", "127.0.0.1", port)
+
+
+@pytest.mark.parametrize("robot", TYPE.values())
+def test_a_whole_walk_over_the_wire(robot, tmp_path, capsys):
+    """A server whose robot only moves its joints: every phase of two runs."""
+    server = Kinematic()
+    out = tmp_path / "walked"
+    command = ["deploy", "theta0", "--robot", f"{robot}:127.0.0.1:{server.port}"]
+    asked = ["--walks", "2", "--seconds", "1", "--out", str(out)]
+    assert main([*command, *asked]) == 0
+    assert "walk 2: 0.0 cm/s, stood to the end" in capsys.readouterr().out
+    recording = read_recording(out / "frames_000.csv")
+    check_recording(recording, JOINTS)
+    assert set(recording.trajectory) == {0, 1}
+    knee = recording.columns["position.LKneePitch"]
+    told = recording.columns["command.LKneePitch"]
+    walking = recording.trajectory == 0
+    assert np.corrcoef(knee[walking][2:70], told[walking][:68])[0, 1] > 0.95
+    scenes = [text for text in server.heard if text.startswith("(scene")]
+    assert len(scenes) >= 3  # looked at, then made anew for each run
+    assert ("(lle3s 1.00)" in server.heard[200]) == (robot == "simspark-v4")
+    server.close()
 
 
 @pytest.mark.skipif(

@@ -23,7 +23,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from gatjax.data.recording import read_recording
-from gatjax.hardware.deploy import deploy
+from gatjax.hardware.deploy import Asked, deploy
 from gatjax.hardware.guard import SPEEDS
 from gatjax.hardware.lola import PERIOD
 from gatjax.hardware.mind import Mind
@@ -149,9 +149,8 @@ def latencies(robot: str, minutes: float, out: Path) -> np.ndarray:
     server.start()
     while not told.exists():
         time.sleep(0.1)
-    task = task_at(83.3, duration=15.0)
-    walks = max(1, round(minutes * 60.0 / task.duration))
-    deploy(Path("theta0"), f"lola:{path}", walks, task, out, Quiet())
+    asked = Asked(walks=max(1, round(minutes * 4.0)), seconds=15.0)
+    deploy(Path("theta0"), f"lola:{path}", asked, out, Quiet())
     server.kill()
     columns = read_recording(out / "frames_000.csv").columns
     return 1e3 * (columns["sent"] - columns["received"])

@@ -273,7 +273,6 @@ class Deploy:
     """Forward request, a share of the policy's top speed."""
     seconds: float = 7.5
     """Length of a walk."""
-    rate_hz: float = 83.3
     out: Path | None = None
     """Folder for the log; named by the time, in `deployed`, if left out."""
 

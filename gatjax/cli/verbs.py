@@ -21,6 +21,7 @@ from gatjax.cli.progress import shown
 from gatjax.cli.resume import open_search, resumed
 from gatjax.data.mapping import read_map
 from gatjax.data.recording import read_recording
+from gatjax.hardware.deploy import Asked
 from gatjax.hardware.deploy import deploy as deployed
 from gatjax.hardware.links import is_hardware
 from gatjax.hardware.terminal import Terminal
@@ -250,12 +251,9 @@ def view(verb: verbs.View) -> None:
 @act.register
 def deploy(verb: verbs.Deploy) -> None:
     """Let a robot walk a policy."""
-    check_least(1, walks=verb.walks)
-    task = task_at(verb.rate_hz, forward=verb.forward, duration=verb.seconds)
+    asked = Asked(verb.walks, verb.forward, verb.seconds)
     out = verb.out or Path("deployed") / time.strftime("%Y%m%d-%H%M%S")
-    print(
-        *deployed(verb.policy, verb.robot, verb.walks, task, out, Terminal()), sep="\n"
-    )
+    print(*deployed(verb.policy, verb.robot, asked, out, Terminal()), sep="\n")
 
 
 @act.register

@@ -7,11 +7,10 @@ import sys
 import time
 from pathlib import Path
 
-from gatjax.hardware.deploy import deploy
+from gatjax.hardware.deploy import Asked, deploy
 from gatjax.hardware.links import FORMS
 from gatjax.hardware.session import Stopped
 from gatjax.hardware.terminal import Terminal
-from gatjax.task import RATES, task_at
 
 STOPPED, FAILED = 130, 1  # exit codes: Ctrl-C, an error
 
@@ -30,13 +29,12 @@ def main(arguments: list[str] | None = None) -> int:
         "--forward", type=float, default=0.75, help="share of the policy's top speed"
     )
     parser.add_argument("--seconds", type=float, default=7.5, help="length of a walk")
-    parser.add_argument("--rate-hz", type=float, default=83.3, choices=sorted(RATES))
     parser.add_argument("--out", type=Path, help="folder; by default named by the time")
     given = parser.parse_args(arguments)
     out = given.out or Path("deployed") / time.strftime("%Y%m%d-%H%M%S")
     try:
-        task = task_at(given.rate_hz, forward=given.forward, duration=given.seconds)
-        lines = deploy(given.policy, given.robot, given.walks, task, out, Terminal())
+        asked = Asked(given.walks, given.forward, given.seconds)
+        lines = deploy(given.policy, given.robot, asked, out, Terminal())
     except KeyboardInterrupt:
         print("gatjax-deploy: stopped; the same command goes on", file=sys.stderr)
         return STOPPED

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,11 +12,40 @@ from gatjax.hardware.frames import Link
 from gatjax.hardware.links import open_link
 from gatjax.hardware.robot import Attendant, Hardware
 from gatjax.records import JOINTS, Outcome
-from gatjax.task import Task
+from gatjax.task import RATES, Task, task_at
 from gatjax.walk.parameters import THETA0
 from gatjax.walk.policy import read_policy
 
 Array = Any
+
+
+class Asked(NamedTuple):
+    """What is asked of a robot."""
+
+    walks: int = 1
+    forward: float = 0.75  # share of the policy's top speed
+    seconds: float = 7.5  # length of a walk
+
+    def check(self) -> None:
+        """Refuse what no robot can do.
+
+        Raises:
+            ValueError: one line with the flag that is wrong.
+        """
+        if self.walks < 1:
+            raise ValueError(f"--walks is {self.walks}; use 1 or more")
+        if not 0.0 < self.forward <= 1.0:
+            raise ValueError(f"--forward is {self.forward}; use more than 0, at most 1")
+        if not 0.5 <= self.seconds <= 600.0:
+            raise ValueError(f"--seconds is {self.seconds}; use 0.5 to 600")
+
+
+def task_of(period: float, **changes: Any) -> Task:
+    """Return the walking task at the rate of a robot, period s."""
+    for rate, (ours, _) in RATES.items():
+        if abs(ours - period) < 1e-6:
+            return task_at(rate, **changes)
+    raise ValueError(f"the walk engine has no rate of {1.0 / period:.1f} Hz")
 
 
 def policy_at(path: Path) -> Array:
@@ -33,15 +62,14 @@ def policy_at(path: Path) -> Array:
 
 
 def deploy(
-    policy: Path, address: str, walks: int, task: Task, out: Path, person: Attendant
+    policy: Path, address: str, asked: Asked, out: Path, person: Attendant
 ) -> list[str]:
     """Let a robot walk a policy some times.
 
     Args:
         policy: JSON file of the policy; theta0 is the walk that was tuned by hand.
         address: of the robot, see `links`.
-        walks: how many.
-        task: how fast and how long.
+        asked: how often, how fast and how long.
         out: folder for the frames, the finished walks and `walks.json`.
         person: who looks after the robot.
 
@@ -51,11 +79,16 @@ def deploy(
     Raises:
         ValueError, Stopped, KeyboardInterrupt, Lost: see `Hardware.walk`.
     """
+    asked.check()
     theta = THETA0 if str(policy) == "theta0" else policy_at(policy)
+    if out.exists() and not out.is_dir():
+        raise ValueError(f"{out}: is a file, --out needs a folder here")
     person.say(looked_at(address))
     robot = Hardware(address, out, person)
-    _, outcome = robot.walk(np.tile(theta, (walks, 1)), range(walks), task)
-    told = [summary(outcome, index) for index in range(walks)]
+    task = task_of(robot.period, forward=asked.forward, duration=asked.seconds)
+    policies, count = np.tile(theta, (asked.walks, 1)), range(asked.walks)
+    _, outcome = robot.walk(policies, count, task)
+    told = [summary(outcome, index) for index in count]
     lines = [f"walk {index + 1}: {said(entry)}" for index, entry in enumerate(told)]
     report: dict[str, Any] = {"policy": str(policy), "robot": address, "walks": told}
     (out / "walks.json").write_text(json.dumps(report, indent=2) + "\n")

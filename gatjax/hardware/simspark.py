@@ -115,8 +115,10 @@ class SimSpark:
         self.name, self.type = name, TYPES[name]
         self.scene = scene or self.type.scene
         self.where = (host, port)
-        self.monitor = None if monitor is None else Monitor(host, monitor)
+        self.monitor: Monitor | None = None
         self.agent = self._join()
+        if monitor is not None:
+            self.monitor = Monitor(host, monitor)
 
     def _join(self) -> Agent:
         """Make a robot and beam it to its start."""

@@ -177,6 +177,8 @@ class Server:
         Raises:
             OSError: one line: the socket cannot be made.
         """
+        if path.exists() and not path.is_socket():
+            raise OSError(f"{path}: is a file; choose another place for the socket")
         path.unlink(missing_ok=True)
         self.path, self.lockstep = path, lockstep
         self.notes = path.with_name(path.name + ".json")
