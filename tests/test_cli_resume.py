@@ -187,7 +187,7 @@ def test_a_finished_run_says_so(started, tmp_path, capsys, monkeypatch, finished
             progress.stage("collect")
 
     monkeypatch.setattr(loop, "run", work)
-    monkeypatch.setattr(verbs, "make_robot", lambda *_: None)
+    monkeypatch.setattr(verbs, "robot_named", lambda *_: None)
     monkeypatch.setattr(verbs, "build_report", lambda folder: folder / "report.html")
     monkeypatch.setattr(verbs, "headline", lambda folder: "GAT is faster.")
     assert main(["run", "--resume", "--out", str(tmp_path)]) == 0

@@ -71,9 +71,7 @@ class Guard:
         self._bad = self._silent = 0
         # Of joints, gyroscope and accelerometer, since they last said something new:
         self._span = np.tile(self.sent, (2, 1))  # [2, J] rad, least and largest target
-        self._way = np.zeros(
-            2
-        )  # rad that the target of a joint went, for the other two
+        self._way = np.zeros(2)  # rad that a joint's target went, for the other two
         self._still = np.zeros(len(JOINTS) + 2, int)  # frames after that was much
         self._from, self._shares = self.sent, 0.0  # the way into the crouch
 
