@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import msgpack as library
 import numpy as np
@@ -16,8 +17,10 @@ from hypothesis import strategies as st
 from gatjax.cli import main
 from gatjax.data.recording import check_recording, read_recording
 from gatjax.hardware import lola, messagepack
+from gatjax.hardware.deploy import Asked, deploy
 from gatjax.hardware.frames import BadFrame, Command, Lost
 from gatjax.hardware.lola import Lola, answer, as_frame, read_frame
+from gatjax.hardware.terminal import Terminal
 from gatjax.records import FORCE_SENSORS, JOINTS
 from gatjax.surrogate.lola import Server, SimulatedNao
 
@@ -197,6 +200,20 @@ def test_collect_and_evaluate_through_lola(nao, tmp_path, capsys):
     place = tmp_path / "evaluated"
     assert main(["evaluate", *at, "--runs", "1", "--out", str(place)]) == 0
     assert "lola" in capsys.readouterr().out
+
+
+def test_a_robot_is_never_left_with_power(nao, tmp_path):
+    """A program that fails while the robot stands lets it crouch first."""
+
+    class Broken(Terminal):
+        def ready(self, run, frame):
+            raise EOFError("nobody at the terminal")
+
+    out = tmp_path / "deployed"
+    with pytest.raises(EOFError):
+        deploy(Path("theta0"), f"lola:{nao}", Asked(), out, Broken())
+    stiffness = read_recording(out / "between_000.csv").columns["stiffness.LKneePitch"]
+    assert stiffness.max() == 1.0 and stiffness[-1] < 0.02
 
 
 def test_the_delay_is_three_frames(nao):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import (
     Any,
@@ -15,7 +15,7 @@ from typing import (
 import numpy as np
 
 from gatjax import task as tasks
-from gatjax.hardware.frames import Frame
+from gatjax.hardware.frames import Frame, Lost
 from gatjax.hardware.kept import keep, kept
 from gatjax.hardware.links import open_link
 from gatjax.hardware.log import BETWEEN, Log
@@ -132,7 +132,11 @@ class Hardware:
             base = session.frame.base is not None
             session.log = Log(self.folder, self.name, self.period, base)
             with closing(session.log), session.interruptible():
-                yield session
+                try:
+                    yield session
+                finally:  # whatever went wrong, the robot must not be left with power
+                    with suppress(Lost):
+                        session.rest()
 
     def _walked(
         self, session: Session, policy: Array, task: Task
