@@ -66,8 +66,11 @@ def test_a_fall_takes_the_power_at_once():
         entries["Angles"][1] = 1.2
 
     session, link = runs.session(reads(1 << 30, tip))
+    seen = link.receive
+    link.receive = lambda wait: seen(wait)._replace(base=link.nao.base())
     walk = runs.walk(session)
     assert np.isfinite(walk.fell_at)
+    assert walk.outcome.fell_at == walk.fell_at and walk.outcome.cost > 10.0
     _, powers = runs.check_commands(link)
     on = np.flatnonzero(powers[:, 0] >= 0.99)[-1]
     assert np.flatnonzero(powers[on:, 0] <= 0.0)[0] <= 10  # 0.1 s

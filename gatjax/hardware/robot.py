@@ -28,7 +28,6 @@ from gatjax.task import Task
 Array = Any
 
 TAKEN = 1.0  # s without power in which somebody takes the robot away
-TRIES = 3  # of a run that is stopped
 
 
 class Attendant(Protocol):
@@ -83,7 +82,7 @@ class Hardware:
 
         Raises:
             ValueError: the task has another control rate than the robot.
-            Stopped: a run was stopped three times in a row; the robot is safe.
+            Stopped: a run was stopped; the robot is safe, what was walked is kept.
             KeyboardInterrupt: Ctrl-C; the robot is safe.
             Lost: the robot is gone.
         """
@@ -110,9 +109,9 @@ class Hardware:
         with self._session() as session:
             for number, target in enumerate(targets):
                 self.attendant.say(f"run {number + 1} of {len(targets)}")
-                walk = self._tried(lambda target=target: self._run(
-                    session, target[0], lambda: session.play(target)
-                ))  # fmt: skip
+                walk = self._run(
+                    session, target[0], lambda target=target: session.play(target)
+                )
                 runs.append(padded(walk.rows, len(target), self.period))
         return stacked(runs)
 
@@ -151,7 +150,7 @@ class Hardware:
             finally:
                 mind.close()
 
-        walk = self._tried(once)
+        walk = once()
         outcome = walk.outcome
         if outcome is None:
             velocity = self.attendant.distance(self._runs - 1) / task.duration
@@ -159,15 +158,6 @@ class Hardware:
             cost = -velocity + (task.fall_penalty if fell else 0.0)
             outcome = Outcome(cost, velocity, walk.fell_at, True)
         return padded(walk.rows, task.ticks, self.period), outcome
-
-    def _tried(self, once: Callable[[], Walk]) -> Walk:
-        """Run once, and once more where that was stopped."""
-        for _ in range(TRIES - 1):
-            try:
-                return once()
-            except Stopped as stopped:
-                self.attendant.say(f"{stopped}; once more")
-        return once()
 
     def _run(self, session: Session, pose: Array, run: Callable[[], Walk]) -> Walk:
         """Bring the robot to its start, have it put down, and let it run."""

@@ -185,6 +185,8 @@ class Session:
             self._check()
         last_tick = self._tick(rows) if rows else 0
         fell_at = (last_tick - go) * task.control_period if fell else np.inf
+        if fell and score is not None:  # the guard may see it first
+            score = score._replace(fell_at=np.minimum(score.fell_at, fell_at))
         verdict = None if score is None else tasks.outcome(task, score)
         return Walk(rows, fell_at, verdict)
 
