@@ -4,37 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from gatjax.hardware.guard import SPEEDS
 from gatjax.hardware.mind import Mind
-from gatjax.hardware.session import Session
 from gatjax.robot import nao
-from gatjax.surrogate.faults import PERIOD, Direct
-from gatjax.surrogate.lola import SimulatedNao
-from gatjax.task import pose, task_at
+from gatjax.surrogate.faults import PERIOD, standing
+from gatjax.task import task_at
 from gatjax.walk.parameters import THETA0
 
 TASK = task_at(83.3, duration=2.0)
 BEGIN = 150  # frames on its feet: it walks
 
 
-class Pressed:
-    """Whether the button on the chest went down since this was made."""
-
-    def __init__(self):
-        self.down = True
-
-    def __call__(self, frame):
-        pressed, self.down = frame.chest and not self.down, frame.chest
-        return pressed
-
-
 def session(fault=None, robot="stiff"):
     """A robot on its feet, ready to walk, and its link."""
-    link = Direct(SimulatedNao(robot, 0, 0), fault, BEGIN)
-    held = Session(link)
-    held.prepare(pose(THETA0))
-    held.hold(Pressed())
-    return held, link
+    return standing(robot, fault, BEGIN)
 
 
 def walk(held, task=TASK, mind=None):
@@ -53,7 +35,7 @@ def check_commands(link):
     assert np.isfinite(targets).all()
     assert (targets >= nao.LOW).all() and (targets <= nao.HIGH).all()
     speed = np.abs(np.diff(targets, axis=0)) / PERIOD
-    assert (speed <= SPEEDS + 1e-9).all()
+    assert (speed <= nao.SPEEDS + 1e-9).all()
     assert (powers >= 0.0).all() and (powers <= 1.0).all()
     assert (np.diff(powers, axis=0) <= PERIOD + 1e-9).all()  # a second to full power
     return targets, powers

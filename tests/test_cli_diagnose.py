@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from gatjax.cli import main
-from gatjax.cli.arguments import Diagnose, parse
+from gatjax.cli.arguments import Diagnose
 from gatjax.cli.diagnosis import read_given
 from gatjax.cli.found import gain_lines, named_lines, unseen_lines
+from gatjax.cli.parsing import parse
 from gatjax.data.recording import Recording, write_recording
 from gatjax.diagnosis.given import given as given_logs
 from gatjax.diagnosis.start import Start

@@ -11,8 +11,9 @@ import pytest
 
 from gatjax import runs
 from gatjax.cli import main
-from gatjax.cli.arguments import VERBS, parse
+from gatjax.cli.arguments import VERBS
 from gatjax.cli.interrupts import heeded
+from gatjax.cli.parsing import parse
 from gatjax.cli.progress import shown
 from gatjax.data.recording import Recording, write_recording
 from gatjax.robot.nao import WALKING_JOINTS

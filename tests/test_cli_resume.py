@@ -11,8 +11,8 @@ import pytest
 
 from gatjax import loop, runs
 from gatjax.cli import collecting, logs, main, resume, verbs
-from gatjax.cli.arguments import parse
 from gatjax.cli.film import film
+from gatjax.cli.parsing import parse
 from gatjax.cli.resume import resumed, world_digest
 from gatjax.data.recording import Recording, write_recording
 from gatjax.grounding.envelope import Envelope

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from gatjax.cli import main
-from gatjax.cli.arguments import parse
 from gatjax.cli.diagnosis import read_given
+from gatjax.cli.parsing import parse
 from gatjax.data.mapping import column_map, resolve, to_si
 from gatjax.data.readers.assemble import joined
 from gatjax.data.recording import Recording, read_recording, write_recording

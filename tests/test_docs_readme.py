@@ -121,7 +121,8 @@ def test_every_verb_is_in_the_table():
 
 
 def test_command_lines_parse():
-    from gatjax.cli.arguments import VERBS, parse
+    from gatjax.cli.arguments import VERBS
+    from gatjax.cli.parsing import parse
 
     lines = re.findall(r"(?:^ {4}|`)gatjax ([^`\n#]+)", README, flags=re.M)
     parsed = [parse(line.split()) for line in lines if line.split()[0] in VERBS]

@@ -18,7 +18,8 @@ from gatjax.hardware.mind import Mind
 from gatjax.hardware.session import Stopped
 from gatjax.records import JOINTS
 from gatjax.robot import nao
-from gatjax.surrogate.faults import FAULTS, reads
+from gatjax.surrogate.faults import FAULTS, Direct, reads
+from gatjax.surrogate.lola import SimulatedNao
 from gatjax.walk.parameters import THETA0
 
 
@@ -113,7 +114,7 @@ def test_ctrl_c_lets_it_crouch_and_a_second_one_takes_its_power():
 @cache
 def held():
     """A robot in its hands: its link and its first frame."""
-    link = runs.Direct(runs.SimulatedNao("stiff", 0, 0))
+    link = Direct(SimulatedNao("stiff", 0, 0))
     return link, link.receive(0.0)
 
 
@@ -131,5 +132,5 @@ def test_no_wish_breaks_a_limit(wishes, stop):
         target = guard.command(wish).target
         assert np.isfinite(target).all()
         assert (target >= nao.LOW).all() and (target <= nao.HIGH).all()
-        assert (np.abs(target - before) <= runs.SPEEDS * runs.PERIOD + 1e-9).all()
+        assert (np.abs(target - before) <= nao.SPEEDS * runs.PERIOD + 1e-9).all()
         before = target

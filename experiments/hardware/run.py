@@ -24,39 +24,19 @@ import numpy as np
 
 from gatjax.data.recording import read_recording
 from gatjax.hardware.deploy import Asked, deploy
-from gatjax.hardware.guard import SPEEDS
 from gatjax.hardware.lola import PERIOD
 from gatjax.hardware.mind import Mind
-from gatjax.hardware.session import Session, Stopped
+from gatjax.hardware.session import Stopped
+from gatjax.hardware.terminal import Terminal
 from gatjax.robot import nao
-from gatjax.surrogate.faults import FAULTS, Direct, Fault
+from gatjax.surrogate.faults import FAULTS, Direct, Fault, standing
 from gatjax.surrogate.lola import Server, SimulatedNao
-from gatjax.task import pose, task_at
+from gatjax.task import task_at
 from gatjax.walk.parameters import THETA0
 
 KILLS = {"walk engine killed": signal.SIGKILL, "walk engine hangs": signal.SIGSTOP}
 BEGIN = 150  # frames on its feet, when the fault begins
-
-
-class Quiet:
-    """Nobody at a terminal; the hands of the simulated NAO press the button."""
-
-    def __init__(self) -> None:
-        """Nothing pressed yet."""
-        self.down = True
-
-    def ready(self, run, frame):
-        """Return whether the button went down."""
-        pressed, self.down = frame.chest and not self.down, frame.chest
-        return pressed
-
-    def distance(self, run):
-        """Motion capture knows."""
-        raise AssertionError("the simulated NAO says where it is")
-
-    def say(self, text):
-        """Print it."""
-        print(text, flush=True)
+TASK = task_at(83.3, duration=3.0)
 
 
 def main() -> None:
@@ -87,26 +67,24 @@ def main() -> None:
 
 def killed(robot: str, name: str, number: int) -> tuple[str, str, str, str]:
     """Send the walk engine a signal while the robot walks."""
+    mind = Mind(TASK, THETA0)
 
     def fault(link: Direct, since: int, message: bytes) -> bytes:
         if since == 0:
-            os.kill(link.thinker, number)
+            os.kill(mind.process.pid, number)
         return message
 
-    return injected(robot, name, fault)
+    return injected(robot, name, fault, mind)
 
 
-def injected(robot: str, name: str, fault: Fault) -> tuple[str, str, str, str]:
+def injected(
+    robot: str, name: str, fault: Fault, mind: Mind | None = None
+) -> tuple[str, str, str, str]:
     """Let a robot walk into a fault: name, what the guard did, how it ended."""
-    link = Direct(SimulatedNao(robot, 0, 0), fault, BEGIN)
-    session, quiet = Session(link), Quiet()
-    session.prepare(pose(THETA0))
-    session.hold(lambda frame: quiet.ready(0, frame))
-    task = task_at(83.3, duration=3.0)
-    mind = Mind(task, THETA0)
-    link.thinker = mind.process.pid
+    session, link = standing(robot, fault, BEGIN)
+    mind = mind or Mind(TASK, THETA0)
     try:
-        session.walk(mind, task)
+        session.walk(mind, TASK)
         said = "walked on"
     except Stopped as stopped:
         said = str(stopped).partition("since ")[2]
@@ -123,7 +101,7 @@ def commanded(link: Direct) -> str:
     targets = np.array([command.target for command in link.commands])
     assert np.isfinite(targets).all()
     assert ((targets >= nao.LOW) & (targets <= nao.HIGH)).all()
-    speed = (np.abs(np.diff(targets, axis=0)) / PERIOD / SPEEDS).max()
+    speed = (np.abs(np.diff(targets, axis=0)) / PERIOD / nao.SPEEDS).max()
     return f"{100.0 * speed:.0f} %"
 
 
@@ -150,7 +128,7 @@ def latencies(robot: str, minutes: float, out: Path) -> np.ndarray:
     while not told.exists():
         time.sleep(0.1)
     asked = Asked(walks=max(1, round(minutes * 4.0)), seconds=15.0)
-    deploy(Path("theta0"), f"lola:{path}", asked, out, Quiet())
+    deploy(Path("theta0"), f"lola:{path}", asked, out, Terminal())
     server.kill()
     columns = read_recording(out / "frames_000.csv").columns
     return 1e3 * (columns["sent"] - columns["received"])

@@ -17,9 +17,9 @@ from gatjax.cli.arguments import (
     Run,
     Search,
     SimulateNao,
-    parse,
 )
 from gatjax.cli.interrupts import heeded
+from gatjax.cli.parsing import parse
 from gatjax.hardware.links import is_hardware
 
 STOPPED, FAILED = 130, 1  # exit codes: Ctrl-C, an error

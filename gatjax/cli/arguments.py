@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
-import difflib
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import tyro
 
 from gatjax.motions import MENU
-from gatjax.settings import DEMO, PRESETS, LoopSettings, SearchSettings
+from gatjax.settings import DEMO, LoopSettings
 
 ABOUT = (
     "Ground a robot simulator in logs of the robot, search for a better walk in it, "
@@ -390,58 +388,3 @@ VERBS: dict[str, type] = {
     "bench": Bench,
     "doctor": Doctor,
 }
-
-
-def _preset(arguments: list[str]) -> str:
-    """Find the preset on the command line; it sets the defaults of all the rest."""
-    for index, word in enumerate(arguments):
-        name, _, value = word.partition("=")
-        if name == "--preset":
-            return value or "".join(arguments[index + 1 : index + 2])
-    return "demo"
-
-
-def _typed(arguments: list[str]) -> tuple[str, ...]:
-    """Name the settings of a run that the command line gives, defaults left out."""
-    flags = {word.partition("=")[0].replace("-", "_") for word in arguments}
-    flags |= {flag.replace("__no_", "__", 1) for flag in flags}
-    names = [setting.name for setting in dataclasses.fields(LoopSettings)]
-    names += [setting.name for setting in dataclasses.fields(SearchSettings)]
-    return tuple(name for name in ("preset", *names) if f"__{name}" in flags)
-
-
-def _check_lists(arguments: list[str]) -> None:
-    """Refuse a flag for files that comes twice: only its last files would count."""
-    for flag in ("--data", "--held-out"):
-        if sum(word.partition("=")[0] == flag for word in arguments) > 1:
-            raise ValueError(f"{flag} comes twice; give all its files after one {flag}")
-
-
-def parse(arguments: list[str]) -> Any:
-    """Read the command line into the verb's dataclass.
-
-    Raises:
-        ValueError: no such verb, or a flag that takes several files is given twice.
-    """
-    if arguments[:2] == ["bench", "diagnose"]:
-        prog = "gatjax bench diagnose"
-        return tyro.cli(BenchDiagnose, args=arguments[2:], prog=prog)
-    _check_verb(arguments[0])
-    _check_lists(arguments)
-    preset = _preset(arguments)
-    run = Run(loop=PRESETS.get(preset, DEMO), typed=_typed(arguments))
-    verbs: Any = None
-    for name, kind in VERBS.items():
-        default = run if kind is Run else tyro.MISSING_NONPROP
-        verb = Annotated[kind, tyro.conf.subcommand(name, default=default)]
-        verbs = verb if verbs is None else verbs | verb
-    return tyro.cli(verbs, args=arguments, prog="gatjax", description=ABOUT)
-
-
-def _check_verb(word: str) -> None:
-    """Refuse a verb that is none, with the one that may be meant."""
-    if word.startswith("-") or word in VERBS:
-        return
-    near = difflib.get_close_matches(word, VERBS, 1)
-    meant = f"did you mean {near[0]}? " if near else ""
-    raise ValueError(f"{word!r} is no verb; {meant}There are {', '.join(VERBS)}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-import time
 from functools import singledispatch
 from pathlib import Path
 from typing import Any
@@ -252,8 +251,8 @@ def view(verb: verbs.View) -> None:
 def deploy(verb: verbs.Deploy) -> None:
     """Let a robot walk a policy."""
     asked = Asked(verb.walks, verb.forward, verb.seconds)
-    out = verb.out or Path("deployed") / time.strftime("%Y%m%d-%H%M%S")
-    print(*deployed(verb.policy, verb.robot, asked, out, Terminal()), sep="\n")
+    lines = deployed(verb.policy, verb.robot, asked, verb.out, Terminal())
+    print(*lines, sep="\n")
 
 
 @act.register

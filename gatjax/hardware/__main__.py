@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-import time
 from pathlib import Path
 
 from gatjax.hardware.deploy import Asked, deploy
@@ -31,10 +30,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seconds", type=float, default=7.5, help="length of a walk")
     parser.add_argument("--out", type=Path, help="folder; by default named by the time")
     given = parser.parse_args(arguments)
-    out = given.out or Path("deployed") / time.strftime("%Y%m%d-%H%M%S")
     try:
         asked = Asked(given.walks, given.forward, given.seconds)
-        lines = deploy(given.policy, given.robot, asked, out, Terminal())
+        lines = deploy(given.policy, given.robot, asked, given.out, Terminal())
     except KeyboardInterrupt:
         print("gatjax-deploy: stopped; the same command goes on", file=sys.stderr)
         return STOPPED

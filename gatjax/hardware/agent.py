@@ -8,6 +8,7 @@ import time
 from typing import Any
 
 from gatjax.hardware.frames import BadFrame, Lost
+from gatjax.hardware.stream import received
 
 HEAD = 4  # bytes of a message's length, big-endian
 LONGEST = 1 << 22  # bytes; a length beyond is noise
@@ -51,6 +52,7 @@ class Agent:
             Lost: nobody is there.
         """
         self.place = f"{host}:{port}"
+        self.who = f"{self.place}: the simulator"
         try:
             self.socket = socket.create_connection((host, port), timeout=5.0)
         except OSError as error:
@@ -69,7 +71,7 @@ class Agent:
             self.socket.settimeout(5.0)
             self.socket.sendall(len(message).to_bytes(HEAD, "big") + message)
         except OSError as error:
-            raise Lost(f"{self.place}: the simulator is gone ({error})") from error
+            raise Lost(f"{self.who} is gone ({error})") from error
 
     def receive(self, timeout: float) -> str | None:
         """Return the next message, None if `timeout` s pass without one.
@@ -87,24 +89,10 @@ class Agent:
                 message = self._buffer[HEAD : HEAD + size]
                 self._buffer = self._buffer[HEAD + size :]
                 return message.decode("ascii", "replace")
-            if not self._more(deadline - time.monotonic()):
+            part = received(self.socket, deadline - time.monotonic(), self.who)
+            if not part:
                 return None
-
-    def _more(self, timeout: float) -> bool:
-        """Wait for bytes; return whether there were any."""
-        if timeout <= 0.0:
-            return False
-        self.socket.settimeout(timeout)
-        try:
-            part = self.socket.recv(1 << 16)
-        except socket.timeout:
-            return False
-        except OSError as error:
-            raise Lost(f"{self.place}: the simulator is gone ({error})") from error
-        if not part:
-            raise Lost(f"{self.place}: the simulator closed the connection")
-        self._buffer += part
-        return True
+            self._buffer += part
 
     def close(self) -> None:
         """Leave."""

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import json
+import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from gatjax.files import write_json
 from gatjax.hardware.frames import Link
 from gatjax.hardware.links import open_link
 from gatjax.hardware.robot import Attendant, Hardware
@@ -49,7 +50,7 @@ def task_of(period: float, **changes: Any) -> Task:
 
 
 def policy_at(path: Path) -> Array:
-    """Read a policy file, or the winner of a run folder, [15].
+    """Read a policy file, [15]; of a folder, say which policies it has.
 
     Raises:
         FileNotFoundError, ValueError: one line: there is none.
@@ -62,7 +63,7 @@ def policy_at(path: Path) -> Array:
 
 
 def deploy(
-    policy: Path, address: str, asked: Asked, out: Path, person: Attendant
+    policy: Path, address: str, asked: Asked, out: Path | None, person: Attendant
 ) -> list[str]:
     """Let a robot walk a policy some times.
 
@@ -70,7 +71,8 @@ def deploy(
         policy: JSON file of the policy; theta0 is the walk that was tuned by hand.
         address: of the robot, see `links`.
         asked: how often, how fast and how long.
-        out: folder for the frames, the finished walks and `walks.json`.
+        out: folder for the frames, the finished walks and `walks.json`; None: one in
+            `deployed`, named by the time.
         person: who looks after the robot.
 
     Returns:
@@ -80,9 +82,8 @@ def deploy(
         ValueError, Stopped, KeyboardInterrupt, Lost: see `Hardware.walk`.
     """
     asked.check()
+    out = out or Path("deployed") / time.strftime("%Y%m%d-%H%M%S")
     theta = THETA0 if str(policy) == "theta0" else policy_at(policy)
-    if out.exists() and not out.is_dir():
-        raise ValueError(f"{out}: is a file, --out needs a folder here")
     person.say(looked_at(address))
     robot = Hardware(address, out, person)
     task = task_of(robot.period, forward=asked.forward, duration=asked.seconds)
@@ -91,7 +92,7 @@ def deploy(
     told = [summary(outcome, index) for index in count]
     lines = [f"walk {index + 1}: {said(entry)}" for index, entry in enumerate(told)]
     report: dict[str, Any] = {"policy": str(policy), "robot": address, "walks": told}
-    (out / "walks.json").write_text(json.dumps(report, indent=2) + "\n")
+    write_json(out / "walks.json", report)
     return [*lines, f"{out}: frames_*.csv is for gatjax diagnose --data"]
 
 

@@ -24,7 +24,6 @@ _CROUCH = {
 }  # fmt: skip
 CROUCH = np.clip([_CROUCH.get(joint[1:], 0.0) for joint in JOINTS], nao.LOW, nao.HIGH)
 """Joint angles [J] rad of a NAO that sits on its heels and needs no power to stay."""
-SPEEDS = np.array([motor.no_load_speed for motor in nao.MOTORS])  # rad/s [S6]
 
 
 class Limits(NamedTuple):
@@ -117,7 +116,7 @@ class Guard:
         if same and not self.clocked:
             return "a frame came twice"
         steps = max(1.0, (frame.time - old.time) / period) * period
-        far = np.abs(reading.angle - old.reading.angle) > 1.5 * SPEEDS * steps + 0.1
+        far = np.abs(reading.angle - old.reading.angle) > 1.5 * nao.SPEEDS * steps + 0.1
         outside = (reading.angle < nao.LOW - 0.3) | (reading.angle > nao.HIGH + 0.3)
         bad = np.flatnonzero(far | outside)
         if bad.size:
@@ -179,7 +178,7 @@ class Guard:
         self.share += float(np.clip(power - self.share, -step, step))
         if self.mode in (Mode.CROUCH, Mode.LIMP) and self.share <= 0.0:
             self.mode = Mode.RELEASED
-        reach = SPEEDS * self.period
+        reach = nao.SPEEDS * self.period
         target = np.clip(goal, self.sent - reach, self.sent + reach)
         target = np.clip(target, nao.LOW, nao.HIGH)
         self._way = self._way + np.abs(target - self.sent).max()

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from gatjax.files import write_whole
 from gatjax.records import Base, Outcome, Reading, Trajectory
 from gatjax.task import Task
 
@@ -27,15 +27,13 @@ def keep(
     """Keep a walk: policy [15], Trajectory [T, ...], Outcome []."""
     trajectory, outcome = walk
     path = _place(folder, policy, seed, task)
-    half = path.with_name("." + path.name)
     named = {
         **{f"reading_{k}": v for k, v in trajectory.reading._asdict().items()},
         **{f"base_{k}": v for k, v in trajectory.base._asdict().items()},
         **{f"outcome_{k}": v for k, v in outcome._asdict().items()},
         **{key: getattr(trajectory, key) for key in ("time", "command", "alive")},
     }
-    np.savez(half, **named)
-    os.replace(half, path)
+    write_whole({path: lambda file: np.savez(file, **named)})
 
 
 def kept(

@@ -6,7 +6,6 @@ never waits for a disk and a kill loses at most the last moment.
 
 from __future__ import annotations
 
-import json
 import os
 import threading
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Any, Sequence
 
 import numpy as np
 
+from gatjax.files import write_json
 from gatjax.hardware.frames import Command, Frame
 from gatjax.records import FORCE_SENSORS, JOINTS
 
@@ -54,7 +54,7 @@ class Log:
         notes = {"robot": robot, "base": "floating", "rate_hz": round(1.0 / period, 4)}
         self._files = []
         for path in (self.path, folder / f"between_{number:03}.csv"):
-            path.with_suffix(".json").write_text(json.dumps(notes, indent=2) + "\n")
+            write_json(path.with_suffix(".json"), notes)
             file = open(path, "wb", buffering=0)
             file.write((",".join(columns() + BASE * base) + "\n").encode())
             self._files.append(file)

@@ -8,7 +8,6 @@ them is in `docs/hardware.md`.
 from __future__ import annotations
 
 import json
-import select
 import socket
 import time
 from pathlib import Path
@@ -18,6 +17,7 @@ import numpy as np
 
 from gatjax.hardware import messagepack
 from gatjax.hardware.frames import BadFrame, Command, Frame, Lost
+from gatjax.hardware.stream import received
 from gatjax.hardware.tracker import Tracker
 from gatjax.records import JOINTS, Reading
 
@@ -147,39 +147,26 @@ class Lola:
 
     def receive(self, timeout: float) -> Frame | None:
         """Return the next frame; see `frames.Link`."""
-        deadline = time.monotonic() + timeout
+        deadline, who = time.monotonic() + timeout, f"{self.path}: LoLA"
         while len(self._buffer) < FRAME:
-            if not self._more(deadline - time.monotonic()):
+            part = received(self.socket, deadline - time.monotonic(), who)
+            if not part:
                 return None
-        while self.realtime and self._more(0.0):
-            pass
+            self._buffer += part
+        # Of several frames that wait, the last one counts: the others are history.
+        while self.realtime and (part := received(self.socket, 0.0, who)):
+            self._buffer += part
         whole = len(self._buffer) // FRAME
         end = whole * FRAME
         message, self._buffer = self._buffer[end - FRAME : end], self._buffer[end:]
-        received = time.monotonic()
-        self._count(whole, received)
+        arrived = time.monotonic()
+        self._count(whole, arrived)
         entries = read_frame(message)
         self.identity = str(entries["RobotConfig"][0])
-        frame = as_frame(entries, self._frames * PERIOD, received)
+        frame = as_frame(entries, self._frames * PERIOD, arrived)
         if self.tracker is not None:
             frame = frame._replace(base=self.tracker.latest())
         return frame
-
-    def _more(self, timeout: float) -> bool:
-        """Wait for bytes of the robot; return whether there were any.
-
-        Of several frames that wait, the last one counts: the others are history.
-        """
-        if timeout < 0.0 or not select.select([self.socket], [], [], timeout)[0]:
-            return False
-        try:
-            part = self.socket.recv(1 << 16)
-        except OSError as error:
-            raise Lost(f"{self.path}: LoLA is gone ({error.strerror})") from error
-        if not part:
-            raise Lost(f"{self.path}: LoLA closed the connection")
-        self._buffer += part
-        return True
 
     def _count(self, whole: int, received: float) -> None:
         """Count frames, those that never came too: the robot's clock."""

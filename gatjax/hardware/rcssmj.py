@@ -16,7 +16,6 @@ from gatjax.hardware.frames import BadFrame, Lost
 
 Array = Any
 
-PERIOD = 0.02  # s
 PATIENCE = 10.0  # s
 HINT = "start it: rcssservermj --sync --no-realtime --no-render (pip install rcsssmj)"
 

@@ -4,17 +4,12 @@ from __future__ import annotations
 
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
-from typing import (
-    Any,
-    Callable,
-    Iterator,
-    Protocol,
-    Sequence,
-)
+from typing import Any, Callable, Iterator, Protocol, Sequence
 
 import numpy as np
 
 from gatjax import task as tasks
+from gatjax.files import make_folder
 from gatjax.hardware.frames import Frame, Lost
 from gatjax.hardware.kept import keep, kept
 from gatjax.hardware.links import open_link
@@ -88,14 +83,19 @@ class Hardware:
         """
         self._check_rate(1.0 / task.control_period)
         asked = list(zip(np.asarray(policies, float), seeds))
-        if any(kept(self.folder, *one, task) is None for one in asked):
-            with self._session() as session:
-                for number, (policy, seed) in enumerate(asked):
-                    if kept(self.folder, policy, seed, task) is None:
-                        self.attendant.say(f"walk {number + 1} of {len(asked)}")
-                        walk = self._walked(session, policy, task)
-                        keep(self.folder, policy, seed, task, walk)
         walks = [kept(self.folder, policy, seed, task) for policy, seed in asked]
+        if all(walk is not None for walk in walks):
+            return stacked(walks)
+        with self._session() as session:
+            for number, (policy, seed) in enumerate(asked):
+                if walks[number] is not None:
+                    continue
+                walk = kept(self.folder, policy, seed, task)  # asked for twice
+                if walk is None:
+                    self.attendant.say(f"walk {number + 1} of {len(asked)}")
+                    walk = self._walked(session, policy, task)
+                    keep(self.folder, policy, seed, task, walk)
+                walks[number] = walk
         return stacked(walks)
 
     def play(self, targets: Array, rate_hz: float, seeds: Array) -> Trajectory:
@@ -125,7 +125,7 @@ class Hardware:
     @contextmanager
     def _session(self) -> Iterator[Session]:
         """Hold the robot while the block runs, with a log of its frames."""
-        self.folder.mkdir(parents=True, exist_ok=True)
+        make_folder(self.folder)
         with closing(open_link(self.address)) as link:
             session = Session(link)
             base = session.frame.base is not None
@@ -141,16 +141,12 @@ class Hardware:
         self, session: Session, policy: Array, task: Task
     ) -> tuple[Trajectory, Outcome]:
         """Walk once."""
-
-        def once() -> Walk:
-            mind = Mind(task, policy)  # before the robot has power: it takes a moment
-            try:
-                pose = tasks.pose(policy)
-                return self._run(session, pose, lambda: session.walk(mind, task))
-            finally:
-                mind.close()
-
-        walk = once()
+        mind = Mind(task, policy)  # before the robot has power: it takes a moment
+        try:
+            pose = tasks.pose(policy)
+            walk = self._run(session, pose, lambda: session.walk(mind, task))
+        finally:
+            mind.close()
         outcome = walk.outcome
         if outcome is None:
             velocity = self.attendant.distance(self._runs - 1) / task.duration

@@ -36,7 +36,7 @@ class Stopped(RuntimeError):
 class Row(NamedTuple):
     """One frame of a run and its answer."""
 
-    time: float  # s from the first row
+    time: float  # s, the robot's clock
     command: Array  # [J] rad
     reading: Reading
     base: Base | None
@@ -53,15 +53,14 @@ class Walk(NamedTuple):
 class Session:
     """Holds one robot; see the module."""
 
-    def __init__(
-        self, link: Link, log: Log | None = None, limits: Limits = LIMITS
-    ) -> None:
+    def __init__(self, link: Link, limits: Limits = LIMITS) -> None:
         """Take over a robot that has no power.
 
         Raises:
             Lost: it sends no frame that can be read.
         """
-        self.link, self.log, self.limits = link, log, limits
+        self.link, self.limits = link, limits
+        self.log: Log | None = None
         self.run = BETWEEN
         self.interrupted = False
         self._missing = 0  # frames in a row

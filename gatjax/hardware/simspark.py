@@ -62,11 +62,10 @@ def _slot(effector: str) -> Slot:
 
 SLOTS = tuple(_slot(effector) for effector in EFFECTORS)
 JOINT, SIGN = np.array([s.joint for s in SLOTS]), np.array([s.sign for s in SLOTS])
-SENSED = {
-    effector.replace("e", "j"): slot
-    for effector, slot in zip(EFFECTORS, SLOTS)
-    if effector != "rle1"
-}  # "he1" is sensed as "hj1"; of the two hips that turn together the left one counts
+MISSING = np.setdiff1d(np.arange(len(JOINTS)), JOINT)  # wrists and hands
+SENSED = {name.replace("e", "j"): place for place, name in enumerate(EFFECTORS)}
+"""What a joint is called where it is sensed ("hj1" of "he1") -> its place there."""
+FOLLOWER = EFFECTORS.index("rle1")  # of two hips that turn together the left one counts
 FRONT, REAR, OUTER, INNER = 0.0703, -0.03, 0.0299, -0.0211  # m, foot sensors [URDF]
 
 
@@ -198,15 +197,13 @@ class SimSpark:
 
     def _joint(self, told: dict[str, list[Any]]) -> None:
         """Take what a joint says."""
-        name = told["n"][0]
-        angle = np.deg2rad(float(told["ax"][0]))
-        self._sensed[EFFECTORS.index(name.replace("j", "e"))] = angle
-        slot = SENSED.get(name)
-        if slot is None:
+        place, angle = SENSED[told["n"][0]], np.deg2rad(float(told["ax"][0]))
+        self._sensed[place] = angle
+        if place == FOLLOWER:
             return
-        self._angle[slot.joint] = slot.sign * angle
+        self._angle[JOINT[place]] = SIGN[place] * angle
         if "tp" in told:
-            self._temperature[slot.joint] = float(told["tp"][0])
+            self._temperature[JOINT[place]] = float(told["tp"][0])
 
     def send(self, command: Command) -> None:
         """Answer the last frame; see `frames.Link`."""
@@ -222,8 +219,7 @@ class SimSpark:
             parts += [f"({name}s {share:.2f})" for name, share in zip(EFFECTORS, power)]
         self.agent.send("".join(parts) + "(syn)")
         self._told, self._first = target, False
-        missing = np.setdiff1d(np.arange(len(JOINTS)), JOINT)
-        self._angle[missing] = command.target[missing]
+        self._angle[MISSING] = command.target[MISSING]
 
     def close(self) -> None:
         """Leave the field."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from gatjax.motions.menu import Limbs
 from gatjax.records import JOINTS
 from gatjax.robot import nao
@@ -17,6 +15,6 @@ def standing_nao() -> Limbs:
         names=JOINTS,
         limits=nao.LIMITS,
         home=pose(THETA0),
-        speed=np.array([motor.no_load_speed for motor in nao.MOTORS]),
+        speed=nao.SPEEDS,
         floating=True,
     )

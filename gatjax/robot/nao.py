@@ -76,6 +76,7 @@ def motor_of(joint: str) -> Motor:
 
 
 MOTORS = tuple(motor_of(joint) for joint in JOINTS)
+SPEEDS = np.array([motor.no_load_speed for motor in MOTORS])  # [J] rad/s, top ones
 
 _LIMITS = {  # rad [BH]; HipPitch [URDF]; Hand: 0 closed, 1 open
     "HeadYaw": (-2.08567, 2.08567), "HeadPitch": (-0.67195, 0.51487),

@@ -72,7 +72,7 @@ def limbs_of(model: mujoco.MjModel) -> Limbs:
     low, high = np.maximum(low, least), np.minimum(high, most)
     if names == JOINTS:
         home = tasks.pose(THETA0)
-        speed = np.array([motor.no_load_speed for motor in nao.MOTORS])
+        speed = nao.SPEEDS
     else:
         home, speed = home_of(model)[place.position], _top_speed(model, place.velocity)
     limits = np.stack([low, high], axis=-1)

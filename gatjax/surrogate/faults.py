@@ -14,7 +14,11 @@ import numpy as np
 from gatjax.hardware import messagepack
 from gatjax.hardware.frames import Command, Frame
 from gatjax.hardware.lola import CHEST, ORDER, PERIOD, answer, as_frame, read_frame
+from gatjax.hardware.session import Session
+from gatjax.hardware.terminal import Terminal
 from gatjax.surrogate.lola import SimulatedNao, told_by
+from gatjax.task import pose
+from gatjax.walk.parameters import THETA0
 
 Message = bytes | None
 Fault = Callable[["Direct", int, bytes], Message]
@@ -40,7 +44,6 @@ class Direct:
         self.history: list[bytes] = []
         self.feet = -1  # frames since the robot was put down
         self._frames = 0
-        self.thinker = 0  # process of the walk engine, for faults that end it
 
     @property
     def since(self) -> int:
@@ -75,6 +78,15 @@ class Direct:
 
     def close(self) -> None:
         """Do nothing: there is no socket."""
+
+
+def standing(robot: str, fault: Fault | None, begin: int) -> tuple[Session, Direct]:
+    """Return a robot on its feet that is ready to walk theta0 into a fault."""
+    link, terminal = Direct(SimulatedNao(robot, 0, 0), fault, begin), Terminal()
+    session = Session(link)
+    session.prepare(pose(THETA0))
+    session.hold(lambda frame: terminal.ready(0, frame))
+    return session, link
 
 
 def _edited(message: bytes, edit: Callable[[dict[str, Any]], None]) -> bytes:

@@ -92,6 +92,12 @@ class SimulatedNao:
         self.powerless = 0.0  # s
         self.noise = np.random.default_rng([self.seed, self.run])
 
+    def pick_up(self) -> None:
+        """End a run: take the robot, without power, into the hands."""
+        self.told = Told(self.told.target, np.zeros(len(JOINTS)))
+        self.run += 1
+        self._hold()
+
     def base(self) -> Base:
         """Return where the torso is, seen from where the run began."""
         if self.machine is None:
@@ -135,7 +141,8 @@ class SimulatedNao:
         steady = bool((np.abs(told.target - self.told.target) < 1e-6).all())
         self.told, self.since = told, self.since + PERIOD
         if self.machine is None:
-            return self._held(steady)
+            self._held(steady)
+            return None
         seen = self.machine.sense().angle[0]
         target = seen + told.stiffness * (told.target - seen)
         self.machine.advance(target[None], np.ones(1, bool))
@@ -144,11 +151,10 @@ class SimulatedNao:
             return None
         self.angle = np.clip(seen, nao.LOW, nao.HIGH)
         walked = self.base().position[0]
-        self.run += 1
-        self._hold()
+        self.pick_up()
         return f"run {self.run}: {walked:.2f} m forward; picked up"
 
-    def _held(self, steady: bool) -> str | None:
+    def _held(self, steady: bool) -> None:
         """Move joints in the hands; put the robot down when its pose is steady."""
         told = self.told
         way = np.clip(told.target - self.angle, -HANDS * PERIOD, HANDS * PERIOD)
@@ -156,10 +162,8 @@ class SimulatedNao:
         near = np.abs(told.target - self.angle).max() < NEAR
         if not (steady and near and told.stiffness.min() >= 0.9):
             self.since = 0.0
-        if self.since < STEADY:
-            return None
-        self._put_down()
-        return None
+        if self.since >= STEADY:
+            self._put_down()
 
     def _put_down(self) -> None:
         """Put the robot on its feet, as it is."""
@@ -208,9 +212,7 @@ class Server:
             say("connected")
             with client:
                 self._serve(client, robot, say)
-            robot.told = Told(robot.told.target, np.zeros(len(JOINTS)))
-            robot.run += 1
-            robot._hold()
+            robot.pick_up()
             say("disconnected")
 
     def _serve(
