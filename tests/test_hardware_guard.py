@@ -18,8 +18,8 @@ from gatjax.hardware.mind import Mind
 from gatjax.hardware.session import Stopped
 from gatjax.records import JOINTS
 from gatjax.robot import nao
+from gatjax.surrogate.attended import SimulatedNao
 from gatjax.surrogate.faults import FAULTS, Direct, reads
-from gatjax.surrogate.lola import SimulatedNao
 from gatjax.walk.parameters import THETA0
 
 
@@ -40,7 +40,14 @@ def test_a_fault_ends_in_a_crouch_or_the_walk_goes_on(name):
 
 
 @pytest.mark.parametrize(
-    "name", ["2 frames dropped", "NaN knee", "1 frame 40 ms late", "chest button"]
+    "name",
+    [
+        "2 frames dropped",
+        "10 frames dropped",
+        "NaN knee",
+        "1 frame 40 ms late",
+        "chest button",
+    ],
 )
 def test_the_crouch_begins_within_two_frames(name):
     fault, _ = FAULTS[name]

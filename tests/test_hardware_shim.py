@@ -107,9 +107,13 @@ def test_single_precision_only_rounds(ticks):
         np.testing.assert_allclose(answer, target[tick], atol=2e-4)
 
 
-def test_help_and_errors_are_lines(installed, tmp_path):
-    told = run_there(sys.executable, installed, ["-m", "gatjax.hardware", "--help"])
+@pytest.mark.parametrize("python", pythons())
+def test_help_starts_everywhere(python, installed):
+    told = run_there(python, installed, ["-m", "gatjax.hardware", "--help"])
     assert "gatjax-deploy" in told
+
+
+def test_errors_are_lines(installed, tmp_path):
     command = [sys.executable, "-m", "gatjax.hardware", "theta0"]
     socket = tmp_path / "none"
     done = subprocess.run(

@@ -85,10 +85,14 @@ def _kept(chosen: Any) -> str:
     if isinstance(chosen, Run):
         folder = f"--out {chosen.out}" if chosen.run is None else f"--run {chosen.run}"
         return f"`gatjax run --resume {folder}` goes on"
-    if isinstance(chosen, Search | BenchDiagnose | Deploy):
+    if isinstance(chosen, Search | BenchDiagnose):
         return "the same command goes on"
+    if isinstance(chosen, Deploy):
+        return "with its --out the same command goes on"
     if isinstance(chosen, SimulateNao):
         return "the simulated NAO is gone"
     if isinstance(chosen, Collect) and is_hardware(chosen.robot):
+        if chosen.motion is not None:
+            return f"its frames are in {chosen.out.with_suffix('')}"
         return "the same command goes on after the walks that are there"
     return "nothing was kept"

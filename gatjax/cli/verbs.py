@@ -258,7 +258,8 @@ def deploy(verb: verbs.Deploy) -> None:
 @act.register
 def simulate(verb: verbs.SimulateNao) -> None:
     """Serve a simulated NAO until Ctrl-C."""
-    from gatjax.surrogate.lola import Server, SimulatedNao
+    from gatjax.surrogate.attended import SimulatedNao
+    from gatjax.surrogate.lola import Server
 
     check_least(0, seed=verb.seed, body_seed=verb.body_seed)
     robot = SimulatedNao(verb.robot, verb.body_seed, verb.seed, verb.hung)

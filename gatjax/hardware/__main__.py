@@ -34,10 +34,10 @@ def main(arguments: list[str] | None = None) -> int:
         asked = Asked(given.walks, given.forward, given.seconds)
         lines = deploy(given.policy, given.robot, asked, given.out, Terminal())
     except KeyboardInterrupt:
-        print("gatjax-deploy: stopped; the same command goes on", file=sys.stderr)
+        Terminal().say("gatjax-deploy: stopped; with its --out it goes on")
         return STOPPED
     except (ValueError, OSError, Stopped) as error:
-        print(f"gatjax-deploy: {error}", file=sys.stderr)
+        Terminal().say(f"gatjax-deploy: {error}")
         return FAILED
     print("\n".join(lines))
     return 0

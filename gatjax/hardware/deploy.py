@@ -9,10 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gatjax.files import write_json
-from gatjax.hardware.frames import Link
-from gatjax.hardware.links import open_link
 from gatjax.hardware.robot import Attendant, Hardware
-from gatjax.records import JOINTS, Outcome
+from gatjax.records import Outcome
 from gatjax.task import RATES, Task, task_at
 from gatjax.walk.parameters import THETA0
 from gatjax.walk.policy import read_policy
@@ -82,39 +80,23 @@ def deploy(
         ValueError, Stopped, KeyboardInterrupt, Lost: see `Hardware.walk`.
     """
     asked.check()
+    named = out is not None
     out = out or Path("deployed") / time.strftime("%Y%m%d-%H%M%S")
     theta = THETA0 if str(policy) == "theta0" else policy_at(policy)
-    person.say(looked_at(address))
     robot = Hardware(address, out, person)
+    person.say(f"{address}: {robot.identity}, {robot.state}")
+    if not named:
+        person.say(f"all goes to {out}; if it is stopped, --out {out} goes on")
     task = task_of(robot.period, forward=asked.forward, duration=asked.seconds)
     policies, count = np.tile(theta, (asked.walks, 1)), range(asked.walks)
     _, outcome = robot.walk(policies, count, task)
     told = [summary(outcome, index) for index in count]
     lines = [f"walk {index + 1}: {said(entry)}" for index, entry in enumerate(told)]
-    report: dict[str, Any] = {"policy": str(policy), "robot": address, "walks": told}
+    report: dict[str, Any] = {
+        "policy": str(policy), "robot": robot.constants(), "walks": told,
+    }  # fmt: skip
     write_json(out / "walks.json", report)
     return [*lines, f"{out}: frames_*.csv is for gatjax diagnose --data"]
-
-
-def looked_at(address: str) -> str:
-    """Say in a line which robot is there, and how it is."""
-    link = open_link(address)
-    try:
-        frame = None
-        while frame is None:
-            frame = link.receive(1.0)
-    finally:
-        link.close()
-    hottest = int(np.argmax(frame.temperature))
-    return (
-        f"{address}: {identity(link)}, battery {100.0 * frame.battery:.0f} %, hottest "
-        f"motor {JOINTS[hottest]} {frame.temperature[hottest]:.0f} degC"
-    )
-
-
-def identity(link: Link) -> str:
-    """Name of the robot itself, where it tells one."""
-    return getattr(link, "identity", None) or link.name
 
 
 def summary(outcome: Outcome, index: int) -> dict[str, Any]:

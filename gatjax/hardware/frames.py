@@ -44,6 +44,8 @@ class Link(Protocol):
     """A robot that takes a command for every frame."""
 
     name: str
+    identity: str  # of the robot itself, once a frame was read
+    hint: str  # what to do if it is silent
     period: float  # s between frames
     realtime: bool  # False: the robot waits for every answer
     clocked: bool  # frames carry the robot's own clock

@@ -3,7 +3,7 @@
 Whatever it is asked, it only ever commands finite targets within the joint limits, no
 further apart than the joints' top speeds allow. When something is wrong with the robot,
 with its frames or with who moves it, it lets the robot crouch and takes the power off;
-when the robot falls, the power goes at once.
+when the robot falls, on its way or in the crouch, the power goes at once.
 """
 
 from __future__ import annotations
@@ -43,6 +43,20 @@ class Limits(NamedTuple):
 
 LIMITS = Limits()
 FELL = "the robot fell"
+SENSORS = (*JOINTS, "the gyroscope", "the accelerometer")
+_LEGS = ("Hip", "Knee", "Ankle")
+VITAL = np.array([
+    part not in JOINTS or any(leg in part for leg in _LEGS) for part in SENSORS
+])  # fmt: skip
+"""Sensors without which no robot walks: legs, gyroscope, accelerometer."""
+
+
+class Stage(Enum):
+    """Who has the robot: it says what a button means, and what is a fall."""
+
+    WAITS = "waits"  # somebody holds it; the button says that they are ready
+    RISES = "rises"  # somebody holds it; the button stops it
+    WALKS = "walks"  # it is on its own: falls and frozen sensors count, too
 
 
 class Mode(Enum):
@@ -61,18 +75,24 @@ class Guard:
         """Take over a robot as its first frame shows it, without power."""
         self.limits, self.period = limits, link.period
         self.realtime, self.clocked = link.realtime, link.clocked
-        self.mode, self.why = Mode.FOLLOW, ""
+        self.mode, self.why, self.stage = Mode.FOLLOW, "", Stage.WAITS
         self.sent = np.clip(first.reading.angle, nao.LOW, nao.HIGH)
         self.share = 0.0  # of the power
-        self.walking = False  # falls, heat and a low battery count from then on
+        self.odd: set[str] = set()  # sensors that stood still, and may
         self._frame, self._reading = first, first.reading
         self._chest = first.chest
-        self._bad = self._silent = 0
+        self._bad = self._silent = self._tipped = 0  # frames in a row
         # Of joints, gyroscope and accelerometer, since they last said something new:
         self._span = np.tile(self.sent, (2, 1))  # [2, J] rad, least and largest target
         self._way = np.zeros(2)  # rad that a joint's target went, for the other two
-        self._still = np.zeros(len(JOINTS) + 2, int)  # frames after that was much
+        self._still = np.zeros(len(SENSORS), int)  # frames after that was much
         self._from, self._shares = self.sent, 0.0  # the way into the crouch
+
+    def enter(self, stage: Stage) -> None:
+        """Let the robot change hands."""
+        self.stage = stage
+        self._span = np.tile(self.sent, (2, 1))
+        self._way, self._still = np.zeros(2), np.zeros(len(SENSORS), int)
 
     def stop(self, why: str, mode: Mode = Mode.CROUCH) -> None:
         """End what the robot does; the first reason stays, a fall goes before it."""
@@ -87,10 +107,12 @@ class Guard:
         Returns:
             What the robot reports; None if that should not be acted upon.
         """
+        if frame is not None:
+            self._alarm(frame)
         wrong = self._wrong(frame)
         if wrong is None and frame is not None:
             self._bad = 0
-            self._watch(frame)
+            self._watch(frame.reading)
             self._frame, self._reading = frame, frame.reading
             return frame.reading
         self._bad += 1
@@ -109,7 +131,8 @@ class Guard:
         if self.realtime and late > (self.limits.patience + 0.5) * period:
             self.stop(f"a frame came {1e3 * late:.0f} ms after the one before")
         reading = frame.reading
-        numbers = np.concatenate([np.ravel(part) for part in (*reading, frame.tilt)])
+        parts = (*reading, frame.tilt, frame.temperature, frame.heat, frame.battery)
+        numbers = np.concatenate([np.ravel(part) for part in parts])
         if not np.isfinite(numbers).all():
             return "a reading is not a number"
         same = all((new == was).all() for new, was in zip(reading, old.reading))
@@ -123,17 +146,17 @@ class Guard:
             return f"{JOINTS[bad[0]]} cannot be at {reading.angle[bad[0]]:.2f} rad"
         return None
 
-    def _watch(self, frame: Frame) -> None:
-        """Look for a fall, a button, heat, a low battery, sensors that stand still."""
+    def _alarm(self, frame: Frame) -> None:
+        """Look for a fall, a button, heat and a low battery, however bad the rest."""
+        limits, down = self.limits, self.mode is Mode.CROUCH
         pressed, self._chest = frame.chest and not self._chest, frame.chest
-        self._count_still(frame.reading)
-        if not self.walking:
-            return
-        limits = self.limits
-        if np.abs(frame.tilt).max() > limits.tilt:
-            self.stop(FELL, Mode.LIMP)
-        if pressed:
+        if pressed and self.stage is not Stage.WAITS:
             self.stop("the chest button was pressed")
+        tipped = np.abs(frame.tilt).max() > limits.tilt
+        self._tipped = self._tipped + 1 if tipped else 0
+        own = self.stage is Stage.WALKS or down
+        if own and self._tipped >= limits.patience:
+            self.stop(FELL, Mode.LIMP)
         if frame.battery < limits.battery:
             self.stop(f"the battery is at {100.0 * frame.battery:.0f} %")
         hot = (frame.temperature > limits.temperature) | (frame.heat >= limits.heat)
@@ -142,9 +165,17 @@ class Guard:
             degrees, level = frame.temperature[joint], frame.heat[joint]
             told = f"{degrees:.0f} degC, level {level:.0f} of 3"
             self.stop(f"{JOINTS[joint]} is hot: {told}")
-        for index in np.flatnonzero(self._still >= limits.still)[:1]:
-            name = (*JOINTS, "the gyroscope", "the accelerometer")[index]
-            self.stop(f"{name} stands still, though the robot was told to move")
+
+    def _watch(self, reading: Reading) -> None:
+        """Look for sensors that stand still."""
+        self._count_still(reading)
+        if self.stage is not Stage.WALKS:
+            return
+        still = self._still >= self.limits.still
+        for index in np.flatnonzero(still & VITAL)[:1]:
+            said = "stands still, though the robot was told to move"
+            self.stop(f"{SENSORS[index]} {said}")
+        self.odd |= {SENSORS[index] for index in np.flatnonzero(still & ~VITAL)}
 
     def _count_still(self, reading: Reading) -> None:
         """Count how long each sensor says the same after targets moved."""
@@ -170,8 +201,8 @@ class Guard:
         goal = self._asked(wanted) if self.mode is Mode.FOLLOW else self.sent
         if self.mode is Mode.CROUCH:
             goal, power = self._down()
-        elif self.mode is not Mode.FOLLOW:
-            goal, power = self._reading.angle, 0.0
+        elif self.mode is not Mode.FOLLOW or max(power, self.share) <= 0.0:
+            goal, power = self._reading.angle, 0.0  # wherever somebody bends it to
         limits = self.limits
         slow = limits.drop if self.mode is Mode.LIMP else limits.rise
         step = self.period / slow

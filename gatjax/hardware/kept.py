@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,18 +15,26 @@ from gatjax.task import Task
 Array = Any
 
 
-def _place(folder: Path, policy: Array, seed: int, task: Task) -> Path:
-    """File of a walk: it changes with anything that was asked."""
-    asked = repr((np.asarray(policy, float).tolist(), int(seed), tuple(task)))
+class Order(NamedTuple):
+    """What was asked of whom: another answer to any of it is another walk."""
+
+    robot: str  # its identity
+    policy: Array  # [15]
+    seed: int
+    task: Task
+
+
+def _place(folder: Path, what: Order) -> Path:
+    """File of a walk."""
+    policy = np.asarray(what.policy, float).tolist()
+    asked = repr((what.robot, policy, int(what.seed), tuple(what.task)))
     return folder / f"walk_{hashlib.sha256(asked.encode()).hexdigest()[:16]}.npz"
 
 
-def keep(
-    folder: Path, policy: Array, seed: int, task: Task, walk: tuple[Trajectory, Outcome]
-) -> None:
-    """Keep a walk: policy [15], Trajectory [T, ...], Outcome []."""
+def keep(folder: Path, what: Order, walk: tuple[Trajectory, Outcome]) -> None:
+    """Keep a walk: Trajectory [T, ...], Outcome []."""
     trajectory, outcome = walk
-    path = _place(folder, policy, seed, task)
+    path = _place(folder, what)
     named = {
         **{f"reading_{k}": v for k, v in trajectory.reading._asdict().items()},
         **{f"base_{k}": v for k, v in trajectory.base._asdict().items()},
@@ -36,11 +44,9 @@ def keep(
     write_whole({path: lambda file: np.savez(file, **named)})
 
 
-def kept(
-    folder: Path, policy: Array, seed: int, task: Task
-) -> tuple[Trajectory, Outcome] | None:
+def kept(folder: Path, what: Order) -> tuple[Trajectory, Outcome] | None:
     """Return a walk that was kept, None if there is none."""
-    path = _place(folder, policy, seed, task)
+    path = _place(folder, what)
     if not path.is_file():
         return None
     with np.load(path) as file:

@@ -7,7 +7,9 @@ never waits for a disk and a kill loses at most the last moment.
 from __future__ import annotations
 
 import os
+import sys
 import threading
+from collections import deque
 from pathlib import Path
 from typing import Any, Sequence
 
@@ -19,6 +21,7 @@ from gatjax.records import FORCE_SENSORS, JOINTS
 
 EVERY = 0.25  # s between writes
 SYNC = 4  # writes between two that wait for the disk
+SWITCH = 5e-4  # s that this thread may keep Python from the loop, 5 ms otherwise
 BETWEEN = -1  # number of the run outside of runs
 
 
@@ -34,34 +37,41 @@ def columns() -> list[str]:
     return ["time", "trajectory", *names]
 
 
-BASE = ["base.x", "base.y", "base.z", "base.qw", "base.qx", "base.qy", "base.qz"]
+PLACE = ["x", "y", "z", "qw", "qx", "qy", "qz"]
+FRAMES, OTHERS, PLACES = range(3)  # files
 
 
 class Log:
     """Writes `frames_<number>.csv` and, of all that is between runs, `between_...`.
 
-    What they are is in a .json beside each.
+    What they are is in a .json beside each. `place_<number>.csv` has where the robot
+    was, in the frames in which somebody knew.
     """
 
-    def __init__(self, folder: Path, robot: str, period: float, base: bool) -> None:
-        """Begin a log in a folder; `base`: frames say where the robot is.
+    def __init__(self, folder: Path, robot: str, period: float) -> None:
+        """Begin a log in a folder.
 
         Raises:
             OSError: one line: it cannot be written.
         """
-        number = len(list(folder.glob("frames_*.csv")))
-        self.path, self.base = folder / f"frames_{number:03}.csv", base
+        number = 1 + max(map(_number, folder.glob("frames_*.csv")), default=-1)
+        self.path = folder / f"frames_{number:03}.csv"
+        places = folder / f"place_{number:03}.csv"
         notes = {"robot": robot, "base": "floating", "rate_hz": round(1.0 / period, 4)}
         self._files = []
-        for path in (self.path, folder / f"between_{number:03}.csv"):
-            write_json(path.with_suffix(".json"), notes)
-            file = open(path, "wb", buffering=0)
-            file.write((",".join(columns() + BASE * base) + "\n").encode())
+        for path in (self.path, folder / f"between_{number:03}.csv", places):
+            if path is not places:
+                write_json(path.with_suffix(".json"), notes)
+            head = ["time", "trajectory", *PLACE] if path is places else columns()
+            file = open(path, "xb", buffering=0)
+            file.write((",".join(head) + "\n").encode())
             self._files.append(file)
-        self._rows: list[Any] = []
+        self._rows: deque[Any] = deque()
         self.failed: OSError | None = None
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._write_on, daemon=True)
+        self._switch = sys.getswitchinterval()
+        sys.setswitchinterval(SWITCH)
         self._thread.start()
 
     def add(self, run: int, frame: Frame, command: Command, sent: float) -> None:
@@ -73,8 +83,7 @@ class Log:
             command: what it was answered with.
             sent: s, this computer's clock, when that had been sent.
         """
-        if frame.base is not None or not self.base:
-            self._rows.append((run, frame, command, sent))
+        self._rows.append((run, frame, command, sent))
 
     def _write_on(self) -> None:
         count = 0
@@ -84,30 +93,23 @@ class Log:
 
     def _write(self, sync: bool) -> None:
         """Write what has come together: whole lines, in one call a file."""
-        rows, self._rows = self._rows, []
-        if not rows or self.failed:
+        lines: list[list[str]] = [[], [], []]
+        while self._rows:
+            run, frame, command, sent = self._rows.popleft()
+            kind = OTHERS if run == BETWEEN else FRAMES
+            lines[kind].append(_line(run, frame, command, sent))
+            if frame.base is not None:
+                words = [f"{frame.time:.6f}", str(run), *_words(frame.base)]
+                lines[PLACES].append(",".join(words) + "\n")
+        if self.failed:
             return
         try:
-            for file, between in zip(self._files, (False, True)):
-                lines = [self._line(*r) for r in rows if (r[0] == BETWEEN) is between]
-                file.write("".join(lines).encode())
+            for file, told in zip(self._files, lines):
+                file.write("".join(told).encode())
                 if sync:
                     os.fsync(file.fileno())
         except OSError as error:
             self.failed = error
-
-    def _line(self, run: int, frame: Frame, command: Command, sent: float) -> str:
-        reading = frame.reading
-        parts = [
-            command.target, reading.angle, frame.stiffness, frame.temperature,
-            frame.current, reading.gyro, reading.accelerometer, reading.force,
-            frame.tilt,
-        ]  # fmt: skip
-        text = [f"{frame.time:.6f}", str(run), *_words(parts)]
-        text += [f"{frame.received:.6f}", f"{sent:.6f}"]
-        if self.base and frame.base is not None:
-            text += _words(frame.base)
-        return ",".join(text) + "\n"
 
     def close(self) -> None:
         """Write the rest.
@@ -117,11 +119,30 @@ class Log:
         """
         self._end.set()
         self._thread.join()
+        sys.setswitchinterval(self._switch)
         self._write(True)
         for file in self._files:
             file.close()
         if self.failed is not None:
             raise OSError(f"{self.path}: rows were lost ({self.failed.strerror})")
+
+
+def _number(path: Path) -> int:
+    """Number of a log's file, -1 if it has none."""
+    word = path.stem.partition("_")[2]
+    return int(word) if word.isdigit() else -1
+
+
+def _line(run: int, frame: Frame, command: Command, sent: float) -> str:
+    """Write a frame and its answer as a row of `columns`."""
+    reading = frame.reading
+    parts = [
+        command.target, reading.angle, frame.stiffness, frame.temperature,
+        frame.current, reading.gyro, reading.accelerometer, reading.force,
+        frame.tilt,
+    ]  # fmt: skip
+    text = [f"{frame.time:.6f}", str(run), *_words(parts)]
+    return ",".join([*text, f"{frame.received:.6f}", f"{sent:.6f}"]) + "\n"
 
 
 def _words(parts: Sequence[Any]) -> list[str]:

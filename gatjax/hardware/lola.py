@@ -7,7 +7,6 @@ them is in `docs/hardware.md`.
 
 from __future__ import annotations
 
-import json
 import socket
 import time
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from gatjax.files import read_json
 from gatjax.hardware import messagepack
 from gatjax.hardware.frames import BadFrame, Command, Frame, Lost
 from gatjax.hardware.stream import received
@@ -106,40 +106,63 @@ def answer(command: Command) -> bytes:
     )
 
 
+def notes_of(path: Path) -> dict[str, Any]:
+    """Read what lies beside a socket, `<socket>.json`.
+
+    `tracker`: where motion capture tells the robot's place, see `Tracker`. `lockstep`:
+    it is simulated and waits for every answer; that of a simulated NAO which was killed
+    means nothing for the robot that made the socket after it.
+
+    Raises:
+        ValueError: one line: it is not such a file.
+    """
+    file = path.with_name(path.name + ".json")
+    if not file.is_file():
+        return {}
+    notes = read_json(file)
+    if path.exists() and file.stat().st_mtime < path.stat().st_mtime:
+        notes.pop("lockstep", None)
+    unknown = sorted(set(notes) - {"lockstep", "tracker"})
+    if unknown:
+        raise ValueError(f"{file}: {unknown[0]!r} is unknown; use lockstep or tracker")
+    return notes
+
+
 class Lola:
     """A NAO v6, or a simulated one (`gatjax nao`); a `frames.Link`."""
 
     name = "lola"
     period = PERIOD
     clocked = False
+    hint = "on a NAO, other software holds LoLA: stop it"
 
     def __init__(self, path: Path = SOCKET) -> None:
         """Connect to a robot's socket.
 
-        A simulated NAO says in `<socket>.json` whether it waits for answers, and where
-        it tells its place.
+        What is known of it beside LoLA lies in `<socket>.json`, see `notes_of`.
 
         Raises:
+            ValueError: one line: what is wrong with these notes.
             Lost: one line: nothing listens there.
         """
-        self.path = path
-        told = path.with_name(path.name + ".json")
-        notes = json.loads(told.read_text()) if told.is_file() else {}
+        self.path, self.identity = path, self.name
+        notes = notes_of(path)
         self.realtime = not notes.get("lockstep", False)
         self.thinking = 0.6 * PERIOD if self.realtime else 20.0
-        self.tracker = Tracker(notes["tracker"]) if "tracker" in notes else None
+        told = notes.get("tracker")
+        self.tracker = None if told is None else Tracker(str(told))
         self.socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
             self.socket.connect(str(path))
         except OSError as error:
-            self.socket.close()
+            self.close()
             raise Lost(
-                f"{path}: no LoLA there ({error.strerror}); on a NAO, stop what else "
-                f"holds it, or start a simulated one with: gatjax nao --socket {path}"
+                f"{path}: no LoLA there ({error.strerror or error}); on a NAO, stop "
+                f"what else holds it, or start a simulated one with: "
+                f"gatjax nao --socket {path}"
             ) from error
         self._buffer = b""
         self._frames, self._due = 0, 0.0
-        self.identity: str | None = None
 
     def place(self) -> bool:
         """Leave it to a person: they press the button on the chest then."""
@@ -149,17 +172,18 @@ class Lola:
         """Return the next frame; see `frames.Link`."""
         deadline, who = time.monotonic() + timeout, f"{self.path}: LoLA"
         while len(self._buffer) < FRAME:
-            part = received(self.socket, deadline - time.monotonic(), who)
+            left = max(0.0, deadline - time.monotonic())
+            part = received(self.socket, left, who)
             if not part:
                 return None
             self._buffer += part
+        arrived = time.monotonic()
         # Of several frames that wait, the last one counts: the others are history.
         while self.realtime and (part := received(self.socket, 0.0, who)):
             self._buffer += part
         whole = len(self._buffer) // FRAME
         end = whole * FRAME
         message, self._buffer = self._buffer[end - FRAME : end], self._buffer[end:]
-        arrived = time.monotonic()
         self._count(whole, arrived)
         entries = read_frame(message)
         self.identity = str(entries["RobotConfig"][0])

@@ -18,6 +18,7 @@ LENGTHS = {
     0xDC: (">H", "array"), 0xDD: (">I", "array"),
     0xDE: (">H", "map"), 0xDF: (">I", "map"),
 }  # fmt: skip
+BROKEN = (struct.error, IndexError, UnicodeDecodeError, TypeError, RecursionError)
 WORDS = {0xC0: None, 0xC2: False, 0xC3: True}
 
 
@@ -65,7 +66,7 @@ def unpack(message: bytes) -> Any:
     """
     try:
         value, end = _read(message, 0)
-    except (struct.error, IndexError, UnicodeDecodeError, TypeError) as error:
+    except BROKEN as error:
         raise ValueError(f"no whole MessagePack message ({error})") from error
     if end != len(message):
         raise ValueError(f"{len(message) - end} bytes too many in the message")
@@ -82,6 +83,8 @@ def first(stream: bytes) -> tuple[Any, bytes] | None:
         value, end = _read(stream, 0)
     except (struct.error, IndexError):
         return None
+    except BROKEN as error:
+        raise ValueError(f"no MessagePack ({error})") from error
     return value, stream[end:]
 
 

@@ -28,6 +28,8 @@ ASK = 2 + sum(SIZES)  # number, walking, reading
 TELL = 1 + len(JOINTS)  # number, targets
 READY = 30.0  # s that a start may take
 NEVER = 1 << 30  # a control tick that does not come
+TRY = -1.0  # instead of walking: an answer that is forgotten
+TRIES = 100
 
 
 class Mind:
@@ -53,6 +55,19 @@ class Mind:
 
     def ask(self, reading: Reading, walking: bool, timeout: float) -> Array | None:
         """Return targets [J] rad for a reading; None if they do not come in time."""
+        return self._ask(reading, float(walking), timeout)
+
+    def pace(self) -> Array:
+        """Try how long answers take, [TRIES] s, inf where none came."""
+        rest = Reading(*map(np.zeros, SIZES))
+        seconds = np.full(TRIES, np.inf)
+        for index in range(TRIES):
+            began = time.perf_counter()
+            if self._ask(rest, TRY, 1.0) is not None:
+                seconds[index] = time.perf_counter() - began
+        return seconds
+
+    def _ask(self, reading: Reading, walking: float, timeout: float) -> Array | None:
         self._number += 1
         message = np.concatenate([[self._number, walking], *reading])
         deadline = time.monotonic() + timeout
@@ -99,8 +114,9 @@ def think(channel: socket.socket) -> None:
     while True:
         asked = np.frombuffer(_exactly(channel, 8 * ASK))
         reading = Reading(*np.split(asked[2:], ends))
-        go = np.asarray(0 if asked[1] else NEVER)
-        state, target = tasks.pilot(task, policy, go, state, reading)
+        go = np.asarray(0 if asked[1] > 0.0 else NEVER)
+        after, target = tasks.pilot(task, policy, go, state, reading)
+        state = state if asked[1] == TRY else after
         channel.sendall(np.concatenate([asked[:1], target]).tobytes())
 
 

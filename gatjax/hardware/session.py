@@ -11,7 +11,7 @@ import numpy as np
 
 from gatjax import task as tasks
 from gatjax.hardware.frames import BadFrame, Command, Frame, Link, Lost
-from gatjax.hardware.guard import FELL, LIMITS, Guard, Limits, Mode
+from gatjax.hardware.guard import FELL, LIMITS, Guard, Limits, Mode, Stage
 from gatjax.hardware.log import BETWEEN, Log
 from gatjax.hardware.mind import Mind
 from gatjax.records import Base, Outcome, Reading
@@ -22,11 +22,16 @@ Array = Any
 Mover = Callable[[Reading], Optional[Array]]
 """Reading -> targets [J] rad, or None if there are none in time."""
 
-SILENT = 1.0  # s without a frame after which the robot is gone
+OPENING = 3.0  # s that the first frame may take
 WAITS = 20.0  # s that a robot which waits for answers may take for a frame
+FRAME, LATE = 1.0, 1.5  # periods to the frame after a missing one, to any other
 RISE = 1.0  # rad/s on the way to the first pose
 STEADY = 0.5  # s in which a motion's first pose is held
 HALT = 1.0  # s in which a walk comes to a stand
+PRESSES = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT]
+"""Ctrl-C, a kill, a terminal or ssh connection that is gone, Ctrl-\\: all the same."""
+SLEEPS = [signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU]
+"""What would stop this process, and leave the robot alone."""
 
 
 class Stopped(RuntimeError):
@@ -50,6 +55,29 @@ class Walk(NamedTuple):
     outcome: Outcome | None  # None where nothing measures where the robot is
 
 
+def first_frame(link: Link) -> Frame:
+    """Wait for a frame that can be read.
+
+    Raises:
+        Lost: one line: there is none.
+    """
+    patience = OPENING if link.realtime else WAITS
+    deadline = time.monotonic() + patience
+    while time.monotonic() < deadline:
+        try:
+            frame = link.receive(deadline - time.monotonic())
+        except BadFrame:
+            frame = None
+        if frame is not None and np.isfinite(frame.reading.angle).all():
+            return frame
+        if not link.realtime:  # it waits for an answer
+            link.send(Command(0.5 * (nao.LOW + nao.HIGH), np.zeros(len(nao.LOW))))
+    raise Lost(
+        f"{link.name}: connected, but no frame that can be read in {patience:g} s; "
+        f"{link.hint}"
+    )
+
+
 class Session:
     """Holds one robot; see the module."""
 
@@ -63,38 +91,32 @@ class Session:
         self.log: Log | None = None
         self.run = BETWEEN
         self.interrupted = False
-        self._missing = 0  # frames in a row
-        self._take()
+        self.take()
 
-    def _take(self) -> None:
-        """Take over the robot as it is now, without power."""
-        self.frame = self._first()
+    def take(self) -> None:
+        """Take over the robot as it is now, without power.
+
+        Raises:
+            Lost: it sends no frame that can be read.
+            KeyboardInterrupt: Ctrl-C was pressed before.
+        """
+        self.frame = first_frame(self.link)
+        self._due = self._after(LATE)
         self.guard = Guard(self.frame, self.link, self.limits)
         self.link.send(self.guard.command(self.guard.sent, 0.0))
+        self._check()
 
-    def _first(self) -> Frame:
-        """Wait for a frame that can be read."""
-        deadline = time.monotonic() + WAITS
-        while time.monotonic() < deadline:
-            try:
-                frame = self.link.receive(SILENT)
-            except BadFrame:
-                frame = None
-            if frame is not None and np.isfinite(frame.reading.angle).all():
-                return frame
-            self.link.send(Command(0.5 * (nao.LOW + nao.HIGH), np.zeros(len(nao.LOW))))
-        raise Lost(f"{self.link.name}: no frame that can be read for {WAITS:g} s")
+    def _after(self, periods: float) -> float:
+        """Return this computer's time some periods from now, s."""
+        return time.monotonic() + periods * self.link.period
 
     def step(self, mover: Mover | None, power: float = 1.0) -> Row | None:
-        """Take a frame and answer it; None if none came that can be acted upon."""
-        came, frame = self._frame()
+        """Take a frame and answer it; None if none came that can be acted upon.
+
+        A robot that goes on by itself is told something each period, frame or none.
+        """
+        frame = self._frame()
         reading = self.guard.see(frame)
-        self._missing = 0 if came else self._missing + 1
-        if not came:
-            silent = self._missing * self._patience()
-            if silent > SILENT:
-                raise Lost(f"{self.link.name}: silent for {silent:.0f} s")
-            return None
         wanted = self.guard.sent if mover is None else None
         if mover and reading is not None and self.guard.mode is Mode.FOLLOW:
             wanted = mover(reading)
@@ -107,18 +129,19 @@ class Session:
             self.log.add(self.run, frame, command, time.monotonic())
         return Row(frame.time, command.target, reading, frame.base)
 
-    def _patience(self) -> float:
-        """Longest time to wait for a frame, s."""
-        late = (self.limits.patience + 0.5) * self.link.period
-        return late if self.link.realtime else WAITS
-
-    def _frame(self) -> tuple[bool, Frame | None]:
-        """Return whether a frame came in time, and the frame if it can be read."""
+    def _frame(self) -> Frame | None:
+        """Return the next frame, None if it does not come in time or cannot be read."""
+        realtime = self.link.realtime
+        wait = max(0.0, self._due - time.monotonic()) if realtime else WAITS
         try:
-            frame = self.link.receive(self._patience())
+            frame = self.link.receive(wait)
         except BadFrame:
-            return True, None
-        return frame is not None, frame
+            self._due = self._after(LATE)
+            return None
+        if frame is None and not realtime:
+            raise Lost(f"{self.link.name}: silent for {wait:g} s; {self.link.hint}")
+        self._due = self._after(FRAME if frame is None else LATE)
+        return frame
 
     def prepare(self, pose: Array) -> None:
         """Bring the robot to a pose [J] rad, slowly, with its power rising.
@@ -126,9 +149,7 @@ class Session:
         Raises:
             Stopped, KeyboardInterrupt: see `walk`.
         """
-        if self.guard.share <= 0.0:
-            self._take()
-        self._check()
+        self.guard.enter(Stage.RISES)
         start, share = self.guard.sent, 0.0
         seconds = max(1.0, float(np.abs(pose - start).max()) / RISE)
 
@@ -141,10 +162,15 @@ class Session:
             self.step(rise)
         self._check()
 
-    def hold(self, ready: Callable[[Frame], bool]) -> None:
-        """Keep the pose until somebody is ready."""
+    def wait(self, ready: Callable[[Frame], bool], power: float = 1.0) -> None:
+        """Keep the pose, or lie without power, until somebody is ready.
+
+        Raises:
+            Stopped, KeyboardInterrupt: see `walk`.
+        """
+        self.guard.enter(Stage.WAITS)
         while self.guard.mode is Mode.FOLLOW and not ready(self.frame):
-            self.step(None)
+            self.step(None, power)
         self._check()
 
     def walk(self, mind: Mind, task: Task) -> Walk:
@@ -164,7 +190,7 @@ class Session:
         last = go + round(task.duration / task.control_period)
         rows: list[Row] = []
         score, why = None, ""
-        self.guard.walking = True
+        self.guard.enter(Stage.WALKS)
         try:
             for tick in range(last + 1):
                 walking = tick >= go
@@ -178,7 +204,6 @@ class Session:
             self._for(HALT, mover)
         finally:
             self.rest()
-            self.guard.walking = False
         fell = why == FELL
         if why and not fell:
             self._check()
@@ -186,8 +211,9 @@ class Session:
         fell_at = (last_tick - go) * task.control_period if fell else np.inf
         if fell and score is not None:  # the guard may see it first
             score = score._replace(fell_at=np.minimum(score.fell_at, fell_at))
-        verdict = None if score is None else tasks.outcome(task, score)
-        return Walk(rows, fell_at, verdict)
+        if score is None or not _seen(rows, go * task.control_period):
+            return Walk(rows, fell_at, None)
+        return Walk(rows, fell_at, tasks.outcome(task, score))
 
     def _tick(self, rows: list[Row]) -> int:
         """Number of the last row, counted with frames that were lost."""
@@ -202,7 +228,7 @@ class Session:
         tick = np.asarray(self._tick(rows))
         score = tasks.keep_score(task, np.asarray(go), tick, score, base)
         if np.isfinite(score.fell_at):
-            self.guard.stop(FELL, Mode.LIMP)
+            self.guard.stop(FELL)  # a crouch: a tilt alone takes the power at once
         return score
 
     def play(self, targets: Array) -> Walk:
@@ -214,7 +240,7 @@ class Session:
         """
         rows: list[Row] = []
         why = ""
-        self.guard.walking = True
+        self.guard.enter(Stage.WALKS)
         try:
             self._for(STEADY, lambda reading: targets[0])
             for target in targets:
@@ -226,7 +252,6 @@ class Session:
             why = self.guard.why
         finally:
             self.rest()
-            self.guard.walking = False
         if why and why != FELL:
             self._check()
         fell_at = self.link.period * len(rows) if why == FELL else np.inf
@@ -240,15 +265,23 @@ class Session:
             self.step(mover)
 
     def rest(self) -> None:
-        """Let the robot crouch, and take its power off."""
-        self.guard.stop("")
-        while self.guard.mode is not Mode.RELEASED:
-            self.step(None, 0.0)
+        """Let the robot crouch, and take its power off, whatever goes wrong meanwhile.
 
-    def idle(self, seconds: float) -> None:
-        """Leave a robot that rests without power, for somebody to take."""
-        for _ in range(round(seconds / self.link.period)):
-            self.step(None, 0.0)
+        Raises:
+            Lost: the robot is gone.
+        """
+        self.guard.stop("")
+        trouble: Exception | None = None
+        while self.guard.mode is not Mode.RELEASED:
+            try:
+                self.step(None, 0.0)
+            except Lost:
+                raise
+            except Exception as error:  # of ours: it must not drop the robot
+                trouble = trouble or error
+                self.link.send(self.guard.command(None, 0.0))
+        if trouble is not None:
+            raise trouble
 
     def _check(self) -> None:
         """Bring a robot to rest that must not go on, and say why."""
@@ -268,8 +301,16 @@ class Session:
             again, self.interrupted = self.interrupted, True
             self.guard.stop("Ctrl-C was pressed", Mode.LIMP if again else Mode.CROUCH)
 
-        before = signal.signal(signal.SIGINT, stop)
+        before = {number: signal.signal(number, stop) for number in PRESSES}
+        before.update({n: signal.signal(n, signal.SIG_IGN) for n in SLEEPS})
         try:
             yield
         finally:
-            signal.signal(signal.SIGINT, before)
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+
+def _seen(rows: list[Row], settle: float) -> bool:
+    """Return whether somebody saw where the robot set off and where it ended."""
+    began = [row.base for row in rows if row.time - rows[0].time <= settle]
+    return bool(began) and began[-1] is not None and rows[-1].base is not None

@@ -94,6 +94,7 @@ class SimSpark:
     realtime = False
     clocked = True
     thinking = 20.0
+    hint = HINT
 
     def __init__(
         self, name: str, host: str, port: int, monitor: int | None = None, *,
@@ -111,7 +112,8 @@ class SimSpark:
         Raises:
             Lost: one line: nobody is there, or does not answer.
         """
-        self.name, self.type = name, TYPES[name]
+        self.name = self.identity = name
+        self.type = TYPES[name]
         self.scene = scene or self.type.scene
         self.where = (host, port)
         self.monitor: Monitor | None = None

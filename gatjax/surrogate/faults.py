@@ -14,9 +14,10 @@ import numpy as np
 from gatjax.hardware import messagepack
 from gatjax.hardware.frames import Command, Frame
 from gatjax.hardware.lola import CHEST, ORDER, PERIOD, answer, as_frame, read_frame
+from gatjax.hardware.robot import WALKS, put_up
 from gatjax.hardware.session import Session
 from gatjax.hardware.terminal import Terminal
-from gatjax.surrogate.lola import SimulatedNao, told_by
+from gatjax.surrogate.attended import SimulatedNao, told_by
 from gatjax.task import pose
 from gatjax.walk.parameters import THETA0
 
@@ -28,7 +29,8 @@ Fault = Callable[["Direct", int, bytes], Message]
 class Direct:
     """A link to a simulated NAO; from frame `begin` of a run on, a fault."""
 
-    name = "direct"
+    name = identity = "direct"
+    hint = "nobody is there"
     period = PERIOD
     realtime = True
     clocked = False
@@ -66,7 +68,6 @@ class Direct:
         received = self._frames * PERIOD + self.late
         self.late = 0.0
         if message is None:
-            self.nao.advance(self.nao.told)  # the robot goes on without an answer
             return None
         return as_frame(read_frame(message), self._frames * PERIOD, received)
 
@@ -82,10 +83,9 @@ class Direct:
 
 def standing(robot: str, fault: Fault | None, begin: int) -> tuple[Session, Direct]:
     """Return a robot on its feet that is ready to walk theta0 into a fault."""
-    link, terminal = Direct(SimulatedNao(robot, 0, 0), fault, begin), Terminal()
+    link = Direct(SimulatedNao(robot, 0, 0), fault, begin)
     session = Session(link)
-    session.prepare(pose(THETA0))
-    session.hold(lambda frame: terminal.ready(0, frame))
+    put_up(session, pose(THETA0), Terminal(), WALKS)
     return session, link
 
 

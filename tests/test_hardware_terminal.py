@@ -1,0 +1,209 @@
+"""Who looks after the robot: a terminal, motion capture, and what is asked again."""
+
+import json
+import os
+import socket
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gatjax.hardware import terminal
+from gatjax.hardware.deploy import Asked, deploy
+from gatjax.hardware.frames import Frame
+from gatjax.hardware.log import Log
+from gatjax.hardware.robot import Hardware
+from gatjax.hardware.terminal import Terminal
+from gatjax.hardware.tracker import STALE, Tracker, place
+from gatjax.surrogate.attended import SimulatedNao
+from gatjax.surrogate.faults import Direct
+from gatjax.surrogate.lola import Server
+from gatjax.task import task_at
+from gatjax.walk.parameters import THETA0
+
+
+@pytest.fixture
+def keys(monkeypatch):
+    """A terminal as standard input; what is written into it was typed."""
+    typed, read = os.openpty()
+    with os.fdopen(read, "r") as stream:
+        monkeypatch.setattr("sys.stdin", stream)
+        yield lambda text: os.write(typed, text.encode())
+    os.close(typed)
+
+
+def frame(chest=False):
+    seen = Direct(SimulatedNao("stiff", 0, 0)).receive(0.0)
+    return seen._replace(chest=chest)
+
+
+def test_only_enter_alone_and_only_after_the_question(keys, capsys):
+    person, quiet = Terminal(), frame()
+    keys("\n\n")  # before anything was asked
+    time.sleep(0.05)
+    assert not person.ready("go?", quiet)
+    keys("stop!\n")
+    time.sleep(0.05)
+    assert not person.ready("go?", quiet)
+    keys("\n")
+    time.sleep(0.05)
+    assert person.ready("go?", quiet)
+    assert capsys.readouterr().err.count("go?") == 1
+
+
+def test_a_button_counts_when_it_goes_down():
+    person, up, down = Terminal(), frame(), frame(chest=True)
+    told = [person.ready("go?", seen) for seen in (down, down, up, down)]
+    assert told == [False, False, False, True]
+
+
+def test_a_distance_is_a_number(keys, capsys):
+    person = Terminal()
+    assert person.distance(2) is None
+    keys("far\nnan\n")
+    time.sleep(0.05)
+    assert person.distance(2) is None
+    keys("123.5\n")
+    time.sleep(0.05)
+    assert person.distance(2) == pytest.approx(1.235)
+    told = capsys.readouterr().err
+    assert "walk 3: how far" in told and "'far' is no number of centimetres" in told
+
+
+def test_a_terminal_that_is_gone_says_nothing(monkeypatch):
+    class Gone:
+        def write(self, text):
+            raise OSError(5, "Input/output error")
+
+        def flush(self):
+            raise OSError(5, "Input/output error")
+
+    monkeypatch.setattr(terminal.sys, "stderr", Gone())
+    Terminal().say("hello")
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        b"\xff", b"[]", b"null", b"{}", b"[" * 3000,
+        b'{"position": null, "quaternion": [1, 0, 0, 0]}',
+        b'{"position": [1, 2], "quaternion": [1, 0, 0, 0]}',
+        b'{"position": [NaN, 0, 0.3], "quaternion": [1, 0, 0, 0]}',
+        b'{"position": [0, 0, 0.3], "quaternion": [0, 0, 0, 0]}',
+        b'{"position": [0, 0, "x"], "quaternion": [1, 0, 0, 0]}',
+    ],
+)  # fmt: skip
+def test_what_is_no_place_is_none(told):
+    assert place(told) is None
+
+
+def test_a_place_grows_old():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    tracker = Tracker(str(port))
+    told = {"position": [1.0, 2.0, 0.3], "quaternion": [1.02, 0.0, 0.0, 0.0]}
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as bridge:
+        for message in (json.dumps(told).encode(), b"noise"):
+            bridge.sendto(message, ("127.0.0.1", port))
+    base = tracker.latest()
+    assert base.position.tolist() == [1.0, 2.0, 0.3]
+    assert base.quaternion.tolist() == [1.0, 0.0, 0.0, 0.0]
+    time.sleep(1.5 * STALE)
+    assert tracker.latest() is None
+    tracker.close()
+    for address in ("nowhere", "127.0.0.1:99999"):
+        with pytest.raises((ValueError, OSError), match="tracker"):
+            Tracker(address)
+
+
+@pytest.fixture
+def blind(tmp_path):
+    """A simulated NAO of which no motion capture says where it is."""
+    path, robot = tmp_path / "nao.sock", SimulatedNao("stiff", 0, 0)
+    server = Server(path, lockstep=True)
+    server.notes.write_text('{"lockstep": true}')
+    thread = threading.Thread(target=server.serve, args=(robot, print), daemon=True)
+    thread.start()
+    yield f"lola:{path}"
+    server.close()
+
+
+class Person(Terminal):
+    """Answers with a distance, or not at all."""
+
+    def __init__(self, centimetres=None):
+        super().__init__()
+        self.centimetres, self.asked = centimetres, []
+
+    def here(self):
+        return self.centimetres is not None
+
+    def distance(self, run):
+        self.asked.append(run)
+        late = len(self.asked) % 3 == 0  # it takes some frames
+        return self.centimetres / 100.0 if late else None
+
+
+def test_a_walk_waits_for_somebody_who_says_how_far_it_went(blind, tmp_path):
+    out, asked = tmp_path / "out", Asked(walks=1, seconds=1.0)
+    with pytest.raises(ValueError, match="nobody can say how far it walks"):
+        deploy(Path("theta0"), blind, asked, out, Person())
+    assert len(list(out.glob("walk_*.npz"))) == 1
+    person = Person(30.0)
+    lines = deploy(Path("theta0"), blind, asked, out, person)
+    assert lines[0] == "walk 1: 30.0 cm/s, stood to the end"
+    assert person.asked == [0, 0, 0]
+    again = Person(99.0)
+    assert deploy(Path("theta0"), blind, asked, out, again)[0] == lines[0]
+    assert again.asked == []
+
+
+def test_a_robot_in_real_time_is_not_given_power_for_nothing(blind, tmp_path):
+    """It is asked before, not after, whether somebody can say how far it goes."""
+    robot = Hardware(blind, tmp_path / "out", Person())
+    with pytest.raises(ValueError, match="nobody can say"):
+        robot._check_person(None)
+    with pytest.raises(ValueError, match="end what else"):
+        robot._check_pace(Slow(), 0.0072)
+
+
+class Slow:
+    """A walk engine on a busy computer."""
+
+    def pace(self):
+        return np.full(100, 0.006)
+
+
+def test_walks_of_another_robot_do_not_count(tmp_path, capsys):
+    out, task = tmp_path / "out", task_at(83.3, duration=0.5)
+    for body, there in ((0, False), (1, False), (0, True)):
+        path = tmp_path / f"{body}.sock"
+        server, robot = Server(path, lockstep=True), SimulatedNao("stiff", body, 0)
+        args = (robot, lambda text: None)
+        threading.Thread(target=server.serve, args=args, daemon=True).start()
+        hardware = Hardware(f"lola:{path}", out, Terminal())
+        assert hardware.constants()["identity"] == f"STIFF{body:015d}"
+        hardware.walk(THETA0[None], [0], task)
+        told = capsys.readouterr().err
+        assert ("1 of 1 walks are in" in told) is there
+        server.close()
+    assert len(list(out.glob("walk_*.npz"))) == 2
+
+
+def test_a_log_never_writes_over_another_and_notes_places(tmp_path):
+    (tmp_path / "frames_007.csv").write_text("mine")
+    link = Direct(SimulatedNao("stiff", 0, 0))
+    seen: Frame = link.receive(0.0)
+    log = Log(tmp_path, "lola", 0.012)
+    assert log.path.name == "frames_008.csv"
+    command = type("C", (), {"target": np.zeros(25), "stiffness": np.zeros(25)})
+    log.add(0, seen, command, 1.0)
+    log.add(0, seen._replace(base=link.nao.base()), command, 1.0)
+    log.close()
+    assert (tmp_path / "frames_007.csv").read_text() == "mine"
+    assert len((tmp_path / "frames_008.csv").read_text().splitlines()) == 3
+    places = (tmp_path / "place_008.csv").read_text().splitlines()
+    assert places[0] == "time,trajectory,x,y,z,qw,qx,qy,qz" and len(places) == 2
