@@ -1,5 +1,6 @@
 """SimSpark: recorded traffic, replayed; live where GATJAX_SIMSPARK names a server."""
 
+import json
 import os
 import re
 import socket
@@ -9,15 +10,17 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from simspark_server import Kinematic, Recorded, lines
+from simspark_server import Kinematic, Recorded, Walking, lines
 
 from gatjax.cli import main
 from gatjax.data.recording import check_recording, read_recording
 from gatjax.hardware.agent import parse
+from gatjax.hardware.deploy import Asked, deploy
 from gatjax.hardware.frames import BadFrame, Command, Lost
 from gatjax.hardware.links import open_link
 from gatjax.hardware.monitor import torso
 from gatjax.hardware.simspark import EFFECTORS, PERIOD, SLOTS, SimSpark, shared
+from gatjax.hardware.terminal import Terminal
 from gatjax.records import JOINTS
 
 DATA = Path(__file__).parent / "data" / "simspark"
@@ -181,6 +184,19 @@ def test_a_whole_walk_over_the_wire(robot, tmp_path, capsys):
     scenes = [text for text in server.heard if text.startswith("(scene")]
     assert len(scenes) >= 3  # looked at, then made anew for each run
     assert ("(lle3s 1.00)" in server.heard[200]) == (robot == "simspark-v4")
+    server.close()
+
+
+def test_a_robot_walks_over_the_wire(tmp_path):
+    """MuJoCo's NAO, whose joints take speeds as SimSpark's do, walks theta0."""
+    server, out = Walking(), tmp_path / "walked"
+    address = f"simspark-v4:127.0.0.1:{server.port}"
+    asked = Asked(walks=2, seconds=2.0)
+    deploy(Path("theta0"), address, asked, out, Terminal())
+    told = json.loads((out / "walks.json").read_text())["walks"]
+    assert max(walk["velocity_m_s"] for walk in told) > 0.1
+    places = read_recording(out / "place_000.csv")
+    assert set(places.trajectory) >= {0, 1}
     server.close()
 
 

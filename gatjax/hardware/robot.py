@@ -57,7 +57,7 @@ def put_up(session: Session, pose: Array, attendant: Attendant, what: str) -> No
         Stopped, KeyboardInterrupt, Lost: see `Session.walk`.
     """
     placed = session.link.place()
-    session.take()
+    session.take(1.0 if placed else 0.0)  # what a simulator puts down stands already
     session.wait(lambda frame: placed or attendant.ready(GET_UP, frame), 0.0)
     session.prepare(pose)
     session.wait(lambda frame: placed or attendant.ready(what, frame))

@@ -93,8 +93,8 @@ class Session:
         self.interrupted = False
         self.take()
 
-    def take(self) -> None:
-        """Take over the robot as it is now, without power.
+    def take(self, share: float = 0.0) -> None:
+        """Take over the robot as it is now, with a share of its power.
 
         Raises:
             Lost: it sends no frame that can be read.
@@ -103,7 +103,8 @@ class Session:
         self.frame = first_frame(self.link)
         self._due = self._after(LATE)
         self.guard = Guard(self.frame, self.link, self.limits)
-        self.link.send(self.guard.command(self.guard.sent, 0.0))
+        self.guard.share = share
+        self.link.send(self.guard.command(self.guard.sent, share))
         self._check()
 
     def _after(self, periods: float) -> float:

@@ -146,10 +146,12 @@ class SimSpark:
         """Make the robot anew, at its start, and let it come to the ground."""
         self.agent.close()
         self.agent = self._join()
+        start: Array | None = None
         for _ in range(SETTLE):
             if self.receive(PATIENCE) is None:
                 raise Lost(f"{self.name}: silent for {PATIENCE:g} s")
-            self.send(Command(self._angle, np.ones(len(JOINTS))))
+            start = self._angle.copy() if start is None else start
+            self.send(Command(start, np.ones(len(JOINTS))))
         return True
 
     def receive(self, timeout: float) -> Frame | None:
