@@ -1,5 +1,6 @@
 """LoLA: bytes by hand from its description, and client and simulated NAO together."""
 
+import gc
 import json
 import os
 import socket
@@ -221,6 +222,21 @@ def test_a_robot_is_never_left_with_power(nao, tmp_path):
         deploy(Path("theta0"), f"lola:{nao}", Asked(), out, Broken())
     stiffness = read_recording(out / "between_000.csv").columns["stiffness.LKneePitch"]
     assert stiffness.max() == 1.0 and stiffness[-1] < 0.02
+
+
+def test_nothing_holds_the_loop_up(nao, tmp_path):
+    """While the robot has power no collection looks at what was there before."""
+    frozen, collected = [], gc.get_threshold()
+
+    class Watching(Quiet):
+        def ready(self, what, frame):
+            frozen.append((gc.get_freeze_count(), sys.getswitchinterval()))
+            return super().ready(what, frame)
+
+    asked = Asked(seconds=0.5)
+    deploy(Path("theta0"), f"lola:{nao}", asked, tmp_path / "out", Watching())
+    assert min(frozen)[0] > 10_000 and max(each[1] for each in frozen) < 0.001
+    assert gc.get_freeze_count() == 0 and gc.get_threshold() == collected
 
 
 def test_the_delay_is_three_frames(nao):

@@ -7,7 +7,6 @@ never waits for a disk and a kill loses at most the last moment.
 from __future__ import annotations
 
 import os
-import sys
 import threading
 from collections import deque
 from pathlib import Path
@@ -21,7 +20,6 @@ from gatjax.records import FORCE_SENSORS, JOINTS
 
 EVERY = 0.25  # s between writes
 SYNC = 4  # writes between two that wait for the disk
-SWITCH = 5e-4  # s that this thread may keep Python from the loop, 5 ms otherwise
 BETWEEN = -1  # number of the run outside of runs
 
 
@@ -70,8 +68,6 @@ class Log:
         self.failed: OSError | None = None
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._write_on, daemon=True)
-        self._switch = sys.getswitchinterval()
-        sys.setswitchinterval(SWITCH)
         self._thread.start()
 
     def add(self, run: int, frame: Frame, command: Command, sent: float) -> None:
@@ -119,7 +115,6 @@ class Log:
         """
         self._end.set()
         self._thread.join()
-        sys.setswitchinterval(self._switch)
         self._write(True)
         for file in self._files:
             file.close()

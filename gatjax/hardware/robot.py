@@ -17,7 +17,13 @@ from gatjax.hardware.kept import Order, keep, kept
 from gatjax.hardware.links import open_link
 from gatjax.hardware.log import BETWEEN, Log
 from gatjax.hardware.mind import Mind
-from gatjax.hardware.session import Session, Stopped, Walk, first_frame
+from gatjax.hardware.session import (
+    Session,
+    Stopped,
+    Walk,
+    first_frame,
+    unhindered,
+)
 from gatjax.motions import Limbs, standing_nao
 from gatjax.records import JOINTS, Base, Outcome, Trajectory
 from gatjax.task import Task
@@ -118,16 +124,19 @@ class Hardware:
             )
         if not all(walk is not None and _measured(walk) for walk in walks):
             with self._session() as session:
-                walks = [self._one(session, *each) for each in enumerate(orders)]
+                walks = []
+                for number, order in enumerate(orders):
+                    told = f"walk {number + 1} of {len(orders)}"
+                    walks.append(self._one(session, number, order, told))
         return stacked(walks)
 
     def _one(
-        self, session: Session, number: int, order: Order
+        self, session: Session, number: int, order: Order, told: str
     ) -> tuple[Trajectory, Outcome]:
         """Return a walk: kept, or walked now; measured, or asked for now."""
         walk = kept(self.folder, order)
         if walk is None:
-            self.attendant.say(f"walk {number + 1}")
+            self.attendant.say(told)
             walk = self._walked(session, number, order)
             keep(self.folder, order, walk)
         if not _measured(walk):
@@ -181,7 +190,7 @@ class Hardware:
         with closing(open_link(self.address)) as link:
             session = Session(link)
             session.log = Log(self.folder, self.name, self.period)
-            with closing(session.log), session.interruptible():
+            with closing(session.log), session.interruptible(), unhindered():
                 try:
                     yield session
                 finally:  # whatever went wrong, the robot must not be left with power

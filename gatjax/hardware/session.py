@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import signal
+import sys
 import time
 from contextlib import contextmanager
 from typing import Any, Callable, Iterator, NamedTuple, Optional
@@ -25,6 +27,7 @@ Mover = Callable[[Reading], Optional[Array]]
 OPENING = 3.0  # s that the first frame may take
 WAITS = 20.0  # s that a robot which waits for answers may take for a frame
 FRAME, LATE = 1.0, 1.5  # periods to the frame after a missing one, to any other
+SWITCH = 5e-4  # s that another thread may keep Python from the loop; else 5 ms
 RISE = 1.0  # rad/s on the way to the first pose
 STEADY = 0.5  # s in which a motion's first pose is held
 HALT = 1.0  # s in which a walk comes to a stand
@@ -53,6 +56,23 @@ class Walk(NamedTuple):
     rows: list[Row]
     fell_at: float  # s after the walk request, inf if it stood
     outcome: Outcome | None  # None where nothing measures where the robot is
+
+
+@contextmanager
+def unhindered() -> Iterator[None]:
+    """Let neither the log's thread nor the garbage collector hold the loop up.
+
+    A collection takes 80 ms with all that gatjax loads; so it leaves that alone.
+    """
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(SWITCH)
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+        sys.setswitchinterval(before)
 
 
 def first_frame(link: Link) -> Frame:

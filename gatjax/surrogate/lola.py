@@ -16,6 +16,7 @@ import numpy as np
 
 from gatjax.hardware import messagepack
 from gatjax.hardware.lola import PERIOD
+from gatjax.hardware.session import unhindered
 from gatjax.records import JOINTS, Base
 from gatjax.surrogate.attended import SimulatedNao, Told, told_by
 
@@ -70,7 +71,7 @@ class Server:
             except OSError:
                 return
             say("connected")
-            with client:
+            with client, unhindered():
                 self._serve(client, robot, say)
             robot.pick_up()
             say(f"disconnected: {paces(self.answers)}")
