@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from gatjax.hardware.mind import Mind
+from gatjax.hardware import walks
 from gatjax.robot import nao
-from gatjax.surrogate.faults import PERIOD, standing
+from gatjax.surrogate.faults import PERIOD, standing, started
 from gatjax.task import task_at
 from gatjax.walk.parameters import THETA0
 
@@ -21,9 +21,9 @@ def session(fault=None, robot="stiff"):
 
 def walk(held, task=TASK, mind=None):
     """Let it walk theta0."""
-    mind = mind or Mind(task, THETA0)
+    mind = mind or started(task, THETA0)
     try:
-        return held.walk(mind, task)
+        return walks.walk(held, mind, task)
     finally:
         mind.close()
 

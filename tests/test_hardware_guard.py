@@ -2,8 +2,6 @@
 
 import os
 import signal
-import threading
-import time
 from functools import cache
 
 import hardware_runs as runs
@@ -14,12 +12,11 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from gatjax.hardware.guard import CROUCH, Guard, Mode
-from gatjax.hardware.mind import Mind
 from gatjax.hardware.session import Stopped
 from gatjax.records import JOINTS
 from gatjax.robot import nao
 from gatjax.surrogate.attended import SimulatedNao
-from gatjax.surrogate.faults import FAULTS, Direct, reads
+from gatjax.surrogate.faults import FAULTS, Direct, reads, started
 from gatjax.walk.parameters import THETA0
 
 
@@ -86,7 +83,7 @@ def test_a_fall_takes_the_power_at_once():
 
 def test_a_mind_that_is_killed_or_hangs():
     for number in (signal.SIGKILL, signal.SIGSTOP):
-        mind = Mind(runs.TASK, THETA0)
+        mind = started(runs.TASK, THETA0)
 
         def kill(link, since, message, mind=mind, number=number):
             if since == 0:
@@ -98,24 +95,6 @@ def test_a_mind_that_is_killed_or_hangs():
             runs.walk(session, mind=mind)
         runs.check_commands(link)
         assert link.nao.base().position[2] > 0.2
-
-
-def test_ctrl_c_lets_it_crouch_and_a_second_one_takes_its_power():
-    for presses in (1, 2):
-        session, link = runs.session()
-
-        def press(frames, presses=presses, session=session):
-            for _ in range(presses):
-                time.sleep(0.2)
-                os.kill(os.getpid(), signal.SIGINT)
-
-        thread = threading.Thread(target=press, args=(presses,))
-        with session.interruptible(), pytest.raises(KeyboardInterrupt):
-            thread.start()
-            runs.walk(session, runs.TASK._replace(duration=60.0))
-        thread.join()
-        assert session.guard.mode is Mode.RELEASED
-        runs.check_commands(link)
 
 
 @cache

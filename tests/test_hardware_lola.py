@@ -3,6 +3,7 @@
 import gc
 import json
 import os
+import signal
 import socket
 import struct
 import subprocess
@@ -20,10 +21,10 @@ from hypothesis import strategies as st
 from gatjax.cli import main
 from gatjax.data.recording import check_recording, read_recording
 from gatjax.hardware import lola, messagepack
+from gatjax.hardware.attendant import WALKS
 from gatjax.hardware.deploy import Asked, deploy
 from gatjax.hardware.frames import BadFrame, Command, Lost
 from gatjax.hardware.lola import Lola, answer, as_frame, read_frame
-from gatjax.hardware.robot import WALKS
 from gatjax.hardware.session import Session, Stopped
 from gatjax.hardware.terminal import Terminal
 from gatjax.records import FORCE_SENSORS, JOINTS
@@ -400,6 +401,37 @@ def test_who_is_not_there_and_who_runs_at_another_rate(nao, tmp_path, capsys):
     assert "oracle searches on the robot itself" in capsys.readouterr().err
     assert main(["evaluate", "--robot", "karl"]) == 1
     assert "choose from simulator, dart, stiff, lola" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("number", "after"), [(signal.SIGSTOP, 1.0), (signal.SIGHUP, 0.0)]
+)
+def test_in_real_time_a_robot_that_lost_its_power_stays_down(number, after, tmp_path):
+    """A client that slept gives no power back; one without a terminal crouches."""
+    server, robot = Server(tmp_path / "s", lockstep=False), SimulatedNao("stiff", 0, 0)
+    powers, live = [], robot.advance
+    robot.advance = lambda told: powers.append(told.stiffness.max()) or live(told)
+    args = (robot, lambda text: None)
+    threading.Thread(target=server.serve, args=args, daemon=True).start()
+    command = [sys.executable, "-m", "gatjax.hardware", "theta0", "--seconds", "60"]
+    place = ["--robot", f"lola:{server.path}", "--out", tmp_path / "out"]
+    process = subprocess.Popen([*command, *place], stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 60.0
+    while not (powers and powers[-1] == 1.0):
+        assert time.monotonic() < deadline and process.poll() is None
+        time.sleep(0.01)
+    process.send_signal(number)
+    if number == signal.SIGHUP:
+        process.send_signal(number)  # some terminals say it twice
+    time.sleep(after)
+    process.send_signal(signal.SIGCONT)
+    assert process.wait(60.0) in (1, 130)
+    server.close()
+    off = np.flatnonzero(np.diff(powers) < 0.0)
+    went = powers[off[0] :]  # from the first loss of power on
+    assert max(np.diff(went)) <= 0.0 and went[-1] < 0.02
+    if number == signal.SIGHUP:
+        assert len(off) > 50  # a second from full power to none, not a tenth
 
 
 def test_a_kill_loses_less_than_the_last_second(nao, tmp_path):

@@ -183,7 +183,8 @@ def test_a_whole_walk_over_the_wire(robot, tmp_path, capsys):
     assert np.corrcoef(knee[walking][2:70], told[walking][:68])[0, 1] > 0.95
     scenes = [text for text in server.heard if text.startswith("(scene")]
     assert len(scenes) >= 3  # looked at, then made anew for each run
-    assert ("(lle3s 1.00)" in server.heard[200]) == (robot == "simspark-v4")
+    stiff = any("(lle3s 1.00)" in text for text in server.heard)
+    assert stiff == (robot == "simspark-v4")
     server.close()
 
 

@@ -1,5 +1,6 @@
 """Who looks after the robot: a terminal, motion capture, and what is asked again."""
 
+import contextlib
 import json
 import os
 import socket
@@ -10,10 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gatjax.hardware import terminal
+from gatjax.data.recording import read_recording
 from gatjax.hardware.deploy import Asked, deploy
 from gatjax.hardware.frames import Frame
 from gatjax.hardware.log import Log
+from gatjax.hardware.mind import Mind
 from gatjax.hardware.robot import Hardware
 from gatjax.hardware.terminal import Terminal
 from gatjax.hardware.tracker import STALE, Tracker, place
@@ -53,10 +55,23 @@ def test_only_enter_alone_and_only_after_the_question(keys, capsys):
     assert capsys.readouterr().err.count("go?") == 1
 
 
-def test_a_button_counts_when_it_goes_down():
-    person, up, down = Terminal(), frame(), frame(chest=True)
-    told = [person.ready("go?", seen) for seen in (down, down, up, down)]
-    assert told == [False, False, False, True]
+def test_a_button_counts_when_somebody_holds_it_down():
+    def told(frames, tilt=0.0):
+        person, seen = Terminal(), frame()
+        return [
+            person.ready(
+                "go?",
+                seen._replace(
+                    time=0.012 * k, chest=down == "#", tilt=np.array([0.0, tilt])
+                ),
+            )
+            for k, down in enumerate(frames)
+        ]
+
+    assert not any(told("#" * 30))  # it was down when it was asked for
+    assert not any(told("##..###...###"))  # touched
+    assert told("##.." + "#" * 9) == [False] * 12 + [True]  # 0.1 s
+    assert not any(told("...." + "#" * 30, tilt=1.5))  # it lies on it
 
 
 def test_a_distance_is_a_number(keys, capsys):
@@ -72,16 +87,37 @@ def test_a_distance_is_a_number(keys, capsys):
     assert "walk 3: how far" in told and "'far' is no number of centimetres" in told
 
 
+@contextlib.contextmanager
+def screen(monkeypatch):
+    """A pipe as standard error; both its ends. (In a fixture pytest takes it back.)"""
+    read, write = os.pipe()
+    with os.fdopen(write, "w") as stream, monkeypatch.context() as patch:
+        patch.setattr("sys.stderr", stream)
+        yield read, write
+    with contextlib.suppress(OSError):
+        os.close(read)
+
+
 def test_a_terminal_that_is_gone_says_nothing(monkeypatch):
-    class Gone:
-        def write(self, text):
-            raise OSError(5, "Input/output error")
+    with screen(monkeypatch) as (read, _):
+        os.close(read)
+        Terminal().say("hello")
 
-        def flush(self):
-            raise OSError(5, "Input/output error")
 
-    monkeypatch.setattr(terminal.sys, "stderr", Gone())
-    Terminal().say("hello")
+def test_a_terminal_that_takes_nothing_holds_nobody(monkeypatch):
+    """Ctrl-S, or a line that is slow: what is to be said waits, the robot does not."""
+    with screen(monkeypatch) as (read, write):
+        os.set_blocking(write, False)
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                os.write(write, b"." * 4096)
+        os.set_blocking(write, True)
+        person, quiet = Terminal(), frame()
+        person.say("hello")  # would wait for ever
+        assert b"hello" not in os.read(read, 1 << 20)
+        person.ready("go?", quiet)
+        os.set_blocking(read, False)
+        assert os.read(read, 1 << 20) == b"hello\ngo?\n"
 
 
 @pytest.mark.parametrize(
@@ -132,7 +168,7 @@ def blind(tmp_path):
 
 
 class Person(Terminal):
-    """Answers with a distance, or not at all."""
+    """Answers with a distance, too far at first, or not at all."""
 
     def __init__(self, centimetres=None):
         super().__init__()
@@ -143,8 +179,9 @@ class Person(Terminal):
 
     def distance(self, run):
         self.asked.append(run)
-        late = len(self.asked) % 3 == 0  # it takes some frames
-        return self.centimetres / 100.0 if late else None
+        late = len(self.asked) > 2  # it takes some frames
+        told = 12.0 if len(self.asked) == 3 else self.centimetres / 100.0
+        return told if late else None
 
 
 def test_a_walk_waits_for_somebody_who_says_how_far_it_went(blind, tmp_path):
@@ -155,26 +192,28 @@ def test_a_walk_waits_for_somebody_who_says_how_far_it_went(blind, tmp_path):
     person = Person(30.0)
     lines = deploy(Path("theta0"), blind, asked, out, person)
     assert lines[0] == "walk 1: 30.0 cm/s, stood to the end"
-    assert person.asked == [0, 0, 0]
+    assert person.asked == [0, 0, 0, 0]  # nobody, nobody, 12 m, 30 cm
     again = Person(99.0)
     assert deploy(Path("theta0"), blind, asked, out, again)[0] == lines[0]
     assert again.asked == []
 
 
-def test_a_robot_in_real_time_is_not_given_power_for_nothing(blind, tmp_path):
-    """It is asked before, not after, whether somebody can say how far it goes."""
-    robot = Hardware(blind, tmp_path / "out", Person())
+def test_a_robot_is_not_given_power_for_nothing(blind, tmp_path, monkeypatch):
+    """Somebody must be there to say how far it went, and its computer be fast."""
+    notes = Path(f"{blind.partition(':')[2]}.json")
+    notes.write_text("{}")  # it believes that the robot goes on without it
+    asked, out = Asked(seconds=0.5), tmp_path / "out"
+    person = Person()
     with pytest.raises(ValueError, match="nobody can say"):
-        robot._check_person(None)
-    with pytest.raises(ValueError, match="end what else"):
-        robot._check_pace(Slow(), 0.0072)
-
-
-class Slow:
-    """A walk engine on a busy computer."""
-
-    def pace(self):
-        return np.full(100, 0.006)
+        deploy(Path("theta0"), blind, asked, out, person)
+    slow = np.r_[np.full(60, 0.006), np.full(40, 0.001)]
+    monkeypatch.setattr(Mind, "pace", lambda mind: slow)
+    with pytest.raises(ValueError, match=r"needs 6\.0 ms a frame .* and has 7\.2"):
+        deploy(Path("theta0"), blind, asked, out, person)
+    assert not list(out.glob("walk_*"))
+    for log in out.glob("between_*.csv"):
+        stiffness = read_recording(log).columns["stiffness.LKneePitch"]
+        assert stiffness.max() == 0.0
 
 
 def test_walks_of_another_robot_do_not_count(tmp_path, capsys):

@@ -28,9 +28,10 @@ from gatjax.hardware.mind import Mind
 from gatjax.hardware.poses import tilt_of
 from gatjax.hardware.session import Stopped
 from gatjax.hardware.terminal import Terminal
+from gatjax.hardware.walks import walk
 from gatjax.robot import nao
 from gatjax.surrogate.attended import SimulatedNao
-from gatjax.surrogate.faults import FAULTS, Direct, Fault, standing
+from gatjax.surrogate.faults import FAULTS, Direct, Fault, standing, started
 from gatjax.surrogate.lola import Server
 from gatjax.task import task_at
 from gatjax.walk.parameters import THETA0
@@ -69,7 +70,7 @@ def main() -> None:
 
 def killed(robot: str, name: str, number: int) -> tuple[str, str, str, str]:
     """Send the walk engine a signal while the robot walks."""
-    mind = Mind(TASK, THETA0)
+    mind = started(TASK, THETA0)
 
     def fault(link: Direct, since: int, message: bytes) -> bytes:
         if since == 0:
@@ -84,9 +85,9 @@ def injected(
 ) -> tuple[str, str, str, str]:
     """Let a robot walk into a fault: name, what the guard did, how it ended."""
     session, link = standing(robot, fault, BEGIN)
-    mind = mind or Mind(TASK, THETA0)
+    mind = mind or started(TASK, THETA0)
     try:
-        session.walk(mind, TASK)
+        walk(session, mind, TASK)
         said = "walked on"
     except Stopped as stopped:
         said = str(stopped).partition("since ")[2]

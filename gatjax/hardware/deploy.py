@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gatjax.files import write_json
-from gatjax.hardware.robot import Attendant, Hardware
+from gatjax.hardware.attendant import Attendant
+from gatjax.hardware.robot import Hardware
 from gatjax.records import Outcome
 from gatjax.task import RATES, Task, task_at
 from gatjax.walk.parameters import THETA0

@@ -39,6 +39,8 @@ class Limits(NamedTuple):
     crouch: float = 2.0  # rad/s on the way down
     rise: float = 1.0  # s from no power to full power, and back after a crouch
     drop: float = 0.1  # s from full power to none after a fall
+    gap: float = 0.2  # s without a frame after which nobody knows where it is
+    powerless: int = 10  # frames that say so of a robot that should have power
 
 
 LIMITS = Limits()
@@ -79,9 +81,11 @@ class Guard:
         self.sent = np.clip(first.reading.angle, nao.LOW, nao.HIGH)
         self.share = 0.0  # of the power
         self.odd: set[str] = set()  # sensors that stood still, and may
+        self.wanted = ""  # why it should not go on after it is done, if it should not
         self._frame, self._reading = first, first.reading
         self._chest = first.chest
-        self._bad = self._silent = self._tipped = 0  # frames in a row
+        self._came: float | None = first.received  # s, None if a frame did not come
+        self._bad = self._silent = self._tipped = self._limp = 0  # frames in a row
         # Of joints, gyroscope and accelerometer, since they last said something new:
         self._span = np.tile(self.sent, (2, 1))  # [2, J] rad, least and largest target
         self._way = np.zeros(2)  # rad that a joint's target went, for the other two
@@ -95,11 +99,19 @@ class Guard:
         self._way, self._still = np.zeros(2), np.zeros(len(SENSORS), int)
 
     def stop(self, why: str, mode: Mode = Mode.CROUCH) -> None:
-        """End what the robot does; the first reason stays, a fall goes before it."""
+        """End what the robot does; the first reason stays."""
+        if why != FELL:
+            self.wanted = self.wanted or why
         worse = mode is Mode.LIMP and self.mode is Mode.CROUCH
         if self.mode is Mode.FOLLOW or worse:
-            self.why = why if not self.why or worse else self.why
+            more = worse and self.why not in ("", why)
+            self.why = f"{self.why}; then {why}" if more else why
             self.mode, self._from, self._shares = mode, self.sent, 0.0
+
+    def _lose(self, why: str) -> None:
+        """Give up a robot that has no power any more: it must not get it back."""
+        self.stop(why)
+        self.mode, self.share = Mode.RELEASED, 0.0
 
     def see(self, frame: Frame | None) -> Reading | None:
         """Look at a frame, None if it did not come in time or cannot be read.
@@ -109,6 +121,8 @@ class Guard:
         """
         if frame is not None:
             self._alarm(frame)
+            self._time(frame)
+        self._came = None if frame is None else frame.received
         wrong = self._wrong(frame)
         if wrong is None and frame is not None:
             self._bad = 0
@@ -127,9 +141,6 @@ class Guard:
             return "no frame came that can be read"
         if frame.time <= old.time:
             return "a frame came out of order"
-        late = frame.received - old.received
-        if self.realtime and late > (self.limits.patience + 0.5) * period:
-            self.stop(f"a frame came {1e3 * late:.0f} ms after the one before")
         reading = frame.reading
         parts = (*reading, frame.tilt, frame.temperature, frame.heat, frame.battery)
         numbers = np.concatenate([np.ravel(part) for part in parts])
@@ -146,6 +157,17 @@ class Guard:
             return f"{JOINTS[bad[0]]} cannot be at {reading.angle[bad[0]]:.2f} rad"
         return None
 
+    def _time(self, frame: Frame) -> None:
+        """Look whether this process slept, and how long."""
+        if self._came is None or not self.realtime:  # it looked for frames meanwhile
+            return
+        late = frame.received - self._came
+        why = f"a frame came {1e3 * late:.0f} ms after the one before"
+        if late > self.limits.gap:
+            self._lose(why)
+        if late > (self.limits.patience + 0.5) * self.period:
+            self.stop(why)
+
     def _alarm(self, frame: Frame) -> None:
         """Look for a fall, a button, heat and a low battery, however bad the rest."""
         limits, down = self.limits, self.mode is Mode.CROUCH
@@ -157,6 +179,10 @@ class Guard:
         own = self.stage is Stage.WALKS or down
         if own and self._tipped >= limits.patience:
             self.stop(FELL, Mode.LIMP)
+        limp = self.share > 0.5 and not (frame.stiffness > 0.0).any()
+        self._limp = self._limp + 1 if limp else 0
+        if self._limp >= limits.powerless:
+            self._lose("somebody else took its power")
         if frame.battery < limits.battery:
             self.stop(f"the battery is at {100.0 * frame.battery:.0f} %")
         hot = (frame.temperature > limits.temperature) | (frame.heat >= limits.heat)

@@ -52,7 +52,7 @@ class Log:
         Raises:
             OSError: one line: it cannot be written.
         """
-        number = 1 + max(map(_number, folder.glob("frames_*.csv")), default=-1)
+        number = 1 + max(map(_number, folder.glob("*_*.csv")), default=-1)
         self.path = folder / f"frames_{number:03}.csv"
         places = folder / f"place_{number:03}.csv"
         notes = {"robot": robot, "base": "floating", "rate_hz": round(1.0 / period, 4)}
@@ -65,7 +65,7 @@ class Log:
             file.write((",".join(head) + "\n").encode())
             self._files.append(file)
         self._rows: deque[Any] = deque()
-        self.failed: OSError | None = None
+        self.failed: OSError | None = None  # one line: rows were lost
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._write_on, daemon=True)
         self._thread.start()
@@ -105,21 +105,16 @@ class Log:
                 if sync:
                     os.fsync(file.fileno())
         except OSError as error:
-            self.failed = error
+            why = f"{self.path}: rows were lost ({error.strerror})"
+            self.failed = OSError(why)
 
     def close(self) -> None:
-        """Write the rest.
-
-        Raises:
-            OSError: one line: rows were lost, the disk is full, say.
-        """
+        """Write the rest; see `failed`."""
         self._end.set()
         self._thread.join()
         self._write(True)
         for file in self._files:
             file.close()
-        if self.failed is not None:
-            raise OSError(f"{self.path}: rows were lost ({self.failed.strerror})")
 
 
 def _number(path: Path) -> int:

@@ -69,7 +69,7 @@ def read_frame(message: bytes) -> dict[str, Any]:
             continue
         try:
             entries[key] = np.asarray(value, float)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise BadFrame(f"{key} of a frame holds what is no number") from None
     return entries
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import select
 import signal
 import socket
 import subprocess
@@ -26,7 +27,7 @@ Array = Any
 SIZES = (len(JOINTS), 3, 3, len(FORCE_SENSORS))
 ASK = 2 + sum(SIZES)  # number, walking, reading
 TELL = 1 + len(JOINTS)  # number, targets
-READY = 30.0  # s that a start may take
+READY = 60.0  # s that a start may take
 NEVER = 1 << 30  # a control tick that does not come
 TRY = -1.0  # instead of walking: an answer that is forgotten
 TRIES = 100
@@ -36,7 +37,7 @@ class Mind:
     """The walk engine of one run, in another process."""
 
     def __init__(self, task: Task, policy: Array) -> None:
-        """Start it: policy [15]."""
+        """Start it: policy [15]; it is not `ready` at once."""
         ours, theirs = socket.socketpair()
         path = os.pathsep.join(place for place in sys.path if place)
         self.process = subprocess.Popen(
@@ -49,9 +50,23 @@ class Mind:
         self.socket, self._buffer, self._number = ours, b"", 0
         job = pickle.dumps((tuple(task), np.asarray(policy, float)))
         ours.sendall(len(job).to_bytes(4, "big") + job)
-        ours.settimeout(READY)
-        if ours.recv(1) != b"+":
-            raise OSError("the walk engine did not start")
+        self._since, self._ready = time.monotonic(), False
+
+    def ready(self) -> bool:
+        """Return whether it has started; it never waits.
+
+        Raises:
+            OSError: one line: it will not start.
+        """
+        if self._ready:
+            return True
+        if time.monotonic() - self._since > READY:
+            raise OSError(f"the walk engine did not start in {READY:g} s")
+        if select.select([self.socket], [], [], 0.0)[0]:
+            if self.socket.recv(1) != b"+":
+                raise OSError("the walk engine did not start; see the lines above")
+            self._ready = True
+        return self._ready
 
     def ask(self, reading: Reading, walking: bool, timeout: float) -> Array | None:
         """Return targets [J] rad for a reading; None if they do not come in time."""
@@ -63,8 +78,9 @@ class Mind:
         seconds = np.full(TRIES, np.inf)
         for index in range(TRIES):
             began = time.perf_counter()
-            if self._ask(rest, TRY, 1.0) is not None:
-                seconds[index] = time.perf_counter() - began
+            if self._ask(rest, TRY, 1.0) is None:
+                break
+            seconds[index] = time.perf_counter() - began
         return seconds
 
     def _ask(self, reading: Reading, walking: float, timeout: float) -> Array | None:

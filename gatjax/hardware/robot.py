@@ -5,68 +5,30 @@ from __future__ import annotations
 from contextlib import closing, contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, Callable, Iterator, Protocol, Sequence
+from typing import Any, Callable, Iterator, Sequence
 
 import numpy as np
 
 from gatjax import task as tasks
 from gatjax.files import make_folder
+from gatjax.hardware.attendant import MOVES, WALKS, Attendant, put_up
 from gatjax.hardware.batches import judged, padded, stacked
 from gatjax.hardware.frames import Frame, Lost
 from gatjax.hardware.kept import Order, keep, kept
 from gatjax.hardware.links import open_link
 from gatjax.hardware.log import BETWEEN, Log
 from gatjax.hardware.mind import Mind
-from gatjax.hardware.session import (
-    Session,
-    Stopped,
-    Walk,
-    first_frame,
-    unhindered,
-)
+from gatjax.hardware.process import interruptible, unhindered
+from gatjax.hardware.session import Session, Stopped, first_frame
+from gatjax.hardware.walks import Walk, play, walk
 from gatjax.motions import Limbs, standing_nao
 from gatjax.records import JOINTS, Base, Outcome, Trajectory
 from gatjax.task import Task
 
 Array = Any
 
-GET_UP = "hold the robot by its torso, press its chest button (or Enter): it gets up"
-WALKS = "put it on its feet, press its chest button (or Enter): it walks"
-MOVES = "put it where it plays, press its chest button (or Enter): it moves"
+FASTEST = 0.5  # m/s, more than any NAO walks
 SLOW = 0.5  # of the time for an answer, that the walk engine may need in the middle
-
-
-class Attendant(Protocol):
-    """Who looks after the robot between runs; asked once a frame, it never waits."""
-
-    def ready(self, what: str, frame: Frame) -> bool:
-        """Return whether somebody has done `what`."""
-        ...
-
-    def distance(self, run: int) -> float | None:
-        """Return how far the robot walked, m; asked where nothing measures it."""
-        ...
-
-    def here(self) -> bool:
-        """Return whether there is somebody to ask for a distance."""
-        ...
-
-    def say(self, text: str) -> None:
-        """Tell what happens."""
-        ...
-
-
-def put_up(session: Session, pose: Array, attendant: Attendant, what: str) -> None:
-    """Let a robot get up into a pose [J] rad, and somebody do `what` with it.
-
-    Raises:
-        Stopped, KeyboardInterrupt, Lost: see `Session.walk`.
-    """
-    placed = session.link.place()
-    session.take(1.0 if placed else 0.0)  # what a simulator puts down stands already
-    session.wait(lambda frame: placed or attendant.ready(GET_UP, frame), 0.0)
-    session.prepare(pose)
-    session.wait(lambda frame: placed or attendant.ready(what, frame))
 
 
 class Hardware:
@@ -134,18 +96,22 @@ class Hardware:
         self, session: Session, number: int, order: Order, told: str
     ) -> tuple[Trajectory, Outcome]:
         """Return a walk: kept, or walked now; measured, or asked for now."""
-        walk = kept(self.folder, order)
-        if walk is None:
+        entry = kept(self.folder, order)
+        if entry is None:
             self.attendant.say(told)
-            walk = self._walked(session, number, order)
-            keep(self.folder, order, walk)
-        if not _measured(walk):
-            metres = self._distance(session, number)
-            walk = walk[0], judged(order.task, metres, walk[1].fell_at)
-            keep(self.folder, order, walk)
-        return walk
+            done = self._walked(session, number, order)
+            outcome = done.outcome or judged(order.task, np.nan, done.fell_at)
+            entry = padded(done.rows, order.task.ticks, self.period), outcome
+            keep(self.folder, order, entry)
+            if done.late is not None:
+                raise done.late
+        if not _measured(entry):
+            metres = self._distance(session, number, order.task.duration)
+            entry = entry[0], judged(order.task, metres, entry[1].fell_at)
+            keep(self.folder, order, entry)
+        return entry
 
-    def _distance(self, session: Session, number: int) -> float:
+    def _distance(self, session: Session, number: int, seconds: float) -> float:
         """Ask how far it walked; the robot lies without power meanwhile."""
         self._check_person(None)
         told: list[float] = []
@@ -153,8 +119,14 @@ class Hardware:
         def answered(frame: Frame) -> bool:
             del frame
             metres = self.attendant.distance(number)
-            told.extend([] if metres is None else [metres])
-            return bool(told)
+            if metres is None:
+                return False
+            if abs(metres) > FASTEST * seconds:
+                self.attendant.say(f"{100.0 * metres:g} cm are too far: no NAO does it")
+                return False
+            told.append(metres)
+            self.attendant.say(f"walk {number + 1}: {100.0 * metres:g} cm")
+            return True
 
         session.take()
         session.wait(answered, 0.0)
@@ -171,9 +143,11 @@ class Hardware:
         with self._session() as session:
             for number, target in enumerate(targets):
                 self.attendant.say(f"run {number + 1} of {len(targets)}")
-                play = partial(session.play, target)
-                walk = self._run(session, number, target[0], MOVES, play)
-                runs.append(padded(walk.rows, len(target), self.period))
+                once = partial(play, session, target)
+                done = self._run(session, number, target[0], MOVES, once)
+                runs.append(padded(done.rows, len(target), self.period))
+                if done.late is not None:
+                    raise done.late
         return stacked(runs)
 
     def _check_rate(self, rate_hz: float) -> None:
@@ -185,39 +159,59 @@ class Hardware:
 
     @contextmanager
     def _session(self) -> Iterator[Session]:
-        """Hold the robot while the block runs, with a log of its frames."""
+        """Hold the robot while the block runs, with a log of its frames.
+
+        Raises:
+            KeyboardInterrupt: whatever was done, somebody wants it to end.
+            OSError: one line: rows of the log were lost; the block was done.
+        """
         make_folder(self.folder)
         with closing(open_link(self.address)) as link:
             session = Session(link)
             session.log = Log(self.folder, self.name, self.period)
-            with closing(session.log), session.interruptible(), unhindered():
-                try:
-                    yield session
-                finally:  # whatever went wrong, the robot must not be left with power
-                    with suppress(Lost):
-                        session.rest()
+            try:
+                with interruptible(session.stop), unhindered():
+                    yield from self._held(session)
+            finally:
+                session.log.close()
+                if session.log.failed is not None:
+                    self.attendant.say(str(session.log.failed))
+        if session.interrupted:
+            raise KeyboardInterrupt
+        if session.log.failed is not None:
+            raise session.log.failed
 
-    def _walked(
-        self, session: Session, number: int, order: Order
-    ) -> tuple[Trajectory, Outcome]:
-        """Walk once; the velocity is NaN where nothing measures it."""
-        task = order.task
-        mind = Mind(task, order.policy)  # before it has power: it takes a moment
+    def _held(self, session: Session) -> Iterator[Session]:
+        """Let a block have a session; whatever it does, the robot has no power then."""
         try:
+            yield session
+        except KeyboardInterrupt as pressed:
+            if pressed.args:
+                self.attendant.say(f"stopped, since {pressed}")
+            raise
+        finally:
+            with suppress(Lost):
+                session.rest()
+
+    def _walked(self, session: Session, number: int, order: Order) -> Walk:
+        """Walk once."""
+        session.take()
+        mind = Mind(order.task, order.policy)  # before it has power: it takes a moment
+        try:
+            session.wait(lambda frame: mind.ready(), 0.0)
             if session.link.realtime:  # before anybody holds it
                 self._check_pace(mind, session.link.thinking)
                 self._check_person(session.frame.base)
-            once = partial(session.walk, mind, task)
-            walk = self._run(session, number, tasks.pose(order.policy), WALKS, once)
+            once = partial(walk, session, mind, order.task)
+            return self._run(session, number, tasks.pose(order.policy), WALKS, once)
         finally:
             mind.close()
-        outcome = walk.outcome or judged(task, np.nan, walk.fell_at)
-        return padded(walk.rows, task.ticks, self.period), outcome
 
     def _check_pace(self, mind: Mind, limit: float) -> None:
         """Refuse a computer that is too slow to answer within `limit` s."""
-        middle, tail = 1e3 * np.quantile(mind.pace(), [0.5, 0.99])
-        if middle > SLOW * 1e3 * limit:
+        seconds = np.sort(mind.pace())
+        middle, tail = 1e3 * seconds[len(seconds) // 2], 1e3 * seconds[-2]
+        if not middle <= SLOW * 1e3 * limit:
             raise ValueError(
                 f"the walk engine needs {middle:.1f} ms a frame on this computer and "
                 f"has {1e3 * limit:.1f} ms: end what else this computer does"
@@ -244,15 +238,15 @@ class Hardware:
         put_up(session, pose, self.attendant, what)
         session.run = number
         try:
-            walk = run()
+            done = run()
         finally:
             session.run = BETWEEN
         for told in (session.guard.why, *map(_frozen, sorted(session.guard.odd))):
             if told:
                 self.attendant.say(told)
-        if not walk.rows:
+        if not done.rows:
             raise Stopped("the robot fell before the run began")
-        return walk
+        return done
 
 
 class HungHardware(Hardware):

@@ -7,13 +7,18 @@ import os
 import select
 import sys
 
+import numpy as np
+
 from gatjax.hardware.frames import Frame
 
 MOST = 20  # lines that are read in one frame
+AT_ONCE = 512  # bytes that any terminal takes whose queue is not full
+HELD = 0.1  # s that a button is down when somebody presses it
+UPRIGHT = float(np.deg2rad(45.0))  # rad; on its front the floor presses the button
 
 
 class Terminal:
-    """Asks for what only a person can do; a `robot.Attendant`.
+    """Asks for what only a person can do; a `attendant.Attendant`.
 
     It never waits: the robot is looked after meanwhile.
     """
@@ -21,18 +26,26 @@ class Terminal:
     def __init__(self) -> None:
         """Ask nothing yet."""
         self._asked = ""
-        self._down = False
-        self._typed = b""
+        self._up = False  # the button was, since it was asked for
+        self._pressed = 0.0  # s, the robot's clock: it is down since
+        self._typed, self._unsaid = b"", b""
 
     def ready(self, what: str, frame: Frame) -> bool:
         """Return whether the button was pressed, or Enter, since `what` was asked."""
         if what != self._asked:
             self._ask(what)
-            self._asked, self._down = what, True
-        pressed, self._down = frame.chest and not self._down, frame.chest
-        done = pressed or "" in self._lines()
+            self._asked, self._up = what, False
+        self._say_on()
+        done = "" in self._lines() or self._button(frame)
         self._asked = "" if done else what
         return done
+
+    def _button(self, frame: Frame) -> bool:
+        """Return whether somebody holds the button of an upright robot down."""
+        if not frame.chest or np.abs(frame.tilt).max() > UPRIGHT:
+            self._up, self._pressed = not frame.chest, frame.time
+            return False
+        return self._up and frame.time - self._pressed >= HELD
 
     def distance(self, run: int) -> float | None:
         """Return how far the robot walked, m; None until somebody says it."""
@@ -40,6 +53,7 @@ class Terminal:
         if what != self._asked:
             self._ask(what)
             self._asked = what
+        self._say_on()
         for line in self._lines():
             try:
                 centimetres = float(line)
@@ -57,10 +71,22 @@ class Terminal:
 
     def say(self, text: str) -> None:
         """Tell something."""
+        self._unsaid += f"{text}\n".encode()
+        self._say_on()
+
+    def _say_on(self) -> None:
+        """Write what the terminal takes now: Ctrl-S, or a slow line, holds nobody."""
         try:
-            print(text, file=sys.stderr, flush=True)
+            place = sys.stderr.fileno()
+        except (OSError, ValueError):  # no file: a notebook, say
+            print(self._unsaid.decode(), end="", file=sys.stderr)
+            self._unsaid = b""
+            return
+        try:
+            while self._unsaid and select.select([], [place], [], 0.0)[1]:
+                self._unsaid = self._unsaid[os.write(place, self._unsaid[:AT_ONCE]) :]
         except OSError:  # the terminal is gone; the robot is not
-            pass
+            self._unsaid = b""
 
     def _ask(self, what: str) -> None:
         """Ask, and forget what was typed before."""

@@ -74,7 +74,7 @@ def place(message: bytes) -> Base | None:
         told = json.loads(message.decode())
         position = np.array(told["position"], float)
         quaternion = np.array(told["quaternion"], float)
-    except (ValueError, TypeError, KeyError, RecursionError):
+    except (ValueError, TypeError, KeyError, OverflowError, RecursionError):
         return None
     if position.shape != (3,) or quaternion.shape != (4,):
         return None

@@ -6,19 +6,21 @@ fault comes at the frame that it was asked for, on any machine.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from gatjax.hardware import messagepack
+from gatjax.hardware.attendant import WALKS, put_up
 from gatjax.hardware.frames import Command, Frame
 from gatjax.hardware.lola import CHEST, ORDER, PERIOD, answer, as_frame, read_frame
-from gatjax.hardware.robot import WALKS, put_up
+from gatjax.hardware.mind import Mind
 from gatjax.hardware.session import Session
 from gatjax.hardware.terminal import Terminal
 from gatjax.surrogate.attended import SimulatedNao, told_by
-from gatjax.task import pose
+from gatjax.task import Task, pose
 from gatjax.walk.parameters import THETA0
 
 Message = bytes | None
@@ -87,6 +89,14 @@ def standing(robot: str, fault: Fault | None, begin: int) -> tuple[Session, Dire
     session = Session(link)
     put_up(session, pose(THETA0), Terminal(), WALKS)
     return session, link
+
+
+def started(task: Task, policy: np.ndarray) -> Mind:
+    """Return a walk engine that is ready to answer."""
+    mind = Mind(task, policy)
+    while not mind.ready():
+        time.sleep(0.01)
+    return mind
 
 
 def _edited(message: bytes, edit: Callable[[dict[str, Any]], None]) -> bytes:

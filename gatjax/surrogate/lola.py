@@ -16,7 +16,7 @@ import numpy as np
 
 from gatjax.hardware import messagepack
 from gatjax.hardware.lola import PERIOD
-from gatjax.hardware.session import unhindered
+from gatjax.hardware.process import unhindered
 from gatjax.records import JOINTS, Base
 from gatjax.surrogate.attended import SimulatedNao, Told, told_by
 
