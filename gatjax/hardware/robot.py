@@ -195,9 +195,9 @@ class Hardware:
 
     def _walked(self, session: Session, number: int, order: Order) -> Walk:
         """Walk once."""
-        session.take()
         mind = Mind(order.task, order.policy)  # before it has power: it takes a moment
         try:
+            session.take()
             session.wait(lambda frame: mind.ready(), 0.0)
             if session.link.realtime:  # before anybody holds it
                 self._check_pace(mind, session.link.thinking)

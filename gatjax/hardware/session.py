@@ -21,8 +21,6 @@ OPENING = 3.0  # s that the first frame may take
 WAITS = 20.0  # s that a robot which waits for answers may take for a frame
 FRAME, LATE = 1.0, 1.5  # periods to the frame after a missing one, to any other
 RISE = 1.0  # rad/s on the way to the first pose
-
-
 INTERRUPTED = "Ctrl-C was pressed"
 
 
