@@ -55,17 +55,23 @@ def main() -> None:
     print(table)
     (given.out / "faults.md").write_text(table)
     late = latencies(given.robot, given.minutes, given.out / "walks")
-    facts = {
-        "frames": len(late),
-        "median_ms": float(np.median(late)),
-        "p99_ms": float(np.quantile(late, 0.99)),
-        "p99_9_ms": float(np.quantile(late, 0.999)),
-        "largest_ms": float(late[np.isfinite(late)].max()),
-        "unanswered": int(np.isinf(late).sum()),
-    }
+    facts = facts_of(late)
     print(facts)
     (given.out / "latency.json").write_text(json.dumps(facts, indent=2) + "\n")
     draw(late, facts, given.out / "latency.png")
+
+
+def facts_of(late: np.ndarray) -> dict:
+    """Say how long answers took, ms; inf: there was none."""
+    given = late[np.isfinite(late)]
+    return {
+        "frames": len(late),
+        "median_ms": float(np.median(given)),
+        "p99_ms": float(np.quantile(given, 0.99)),
+        "p99_9_ms": float(np.quantile(given, 0.999)),
+        "largest_ms": float(given.max()),
+        "unanswered": len(late) - len(given),
+    }
 
 
 def killed(robot: str, name: str, number: int) -> tuple[str, str, str, str]:

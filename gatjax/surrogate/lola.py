@@ -21,6 +21,7 @@ from gatjax.records import JOINTS, Base
 from gatjax.surrogate.attended import SimulatedNao, Told, told_by
 
 RELEASE = 0.5  # s without an answer after which LoLA takes the power off
+FAIR = 0.8 * PERIOD  # s that a client must have had to be counted as silent
 KEPT = 1_000_000  # answers of a client that are timed
 
 
@@ -98,7 +99,7 @@ class Server:
             except ValueError as error:
                 say(f"client: {error}")
                 return
-            if told.stiffness.any():
+            if told.stiffness.any() and (answer or due - sent > FAIR):
                 self.answers.append(answer.at - sent if answer else np.inf)
             if silent > RELEASE:
                 told = Told(told.target, np.zeros(len(JOINTS)))
