@@ -1,5 +1,6 @@
 """LoLA: bytes by hand from its description, and client and simulated NAO together."""
 
+import contextlib
 import gc
 import json
 import os
@@ -225,18 +226,22 @@ def test_a_robot_is_never_left_with_power(nao, tmp_path):
     assert stiffness.max() == 1.0 and stiffness[-1] < 0.02
 
 
-def test_nothing_holds_the_loop_up(nao, tmp_path):
+def test_nothing_holds_the_loop_up(nao, tmp_path, monkeypatch):
     """While the robot has power no collection looks at what was there before."""
-    frozen, collected = [], gc.get_threshold()
+    other = "gatjax.surrogate.lola.unhindered"  # the simulated robot is in this process
+    monkeypatch.setattr(other, contextlib.nullcontext)
+    frozen, collected = {}, gc.get_threshold()
 
     class Watching(Quiet):
         def ready(self, what, frame):
-            frozen.append((gc.get_freeze_count(), sys.getswitchinterval()))
+            if what not in frozen:  # counting takes milliseconds
+                frozen[what] = gc.get_freeze_count(), sys.getswitchinterval()
             return super().ready(what, frame)
 
     asked = Asked(seconds=0.5)
     deploy(Path("theta0"), f"lola:{nao}", asked, tmp_path / "out", Watching())
-    assert min(frozen)[0] > 10_000 and max(each[1] for each in frozen) < 0.001
+    assert len(frozen) == 2
+    assert all(n > 10_000 and seconds < 0.001 for n, seconds in frozen.values())
     assert gc.get_freeze_count() == 0 and gc.get_threshold() == collected
 
 
