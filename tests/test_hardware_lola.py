@@ -187,6 +187,8 @@ def test_deploy_walks_and_logs_every_frame(nao, tmp_path, capsys):
         time = recording.time[recording.trajectory == run]
         np.testing.assert_allclose(np.diff(time), lola.PERIOD, atol=1e-6)
         assert len(time) > 2.5 / lola.PERIOD
+    # A diagnosis of a robot that stands takes no rows of a crouch, whose power goes.
+    assert (recording.columns["stiffness.LKneePitch"] == 1.0).all()
     columns = recording.columns
     late = columns["sent"] - columns["received"]
     assert (late > 0.0).all()

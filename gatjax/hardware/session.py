@@ -214,6 +214,7 @@ class Session:
             Lost: the robot is gone.
         """
         self.guard.stop("")
+        self.run = BETWEEN  # its power goes: no recording of a run should hold that
         trouble: Exception | None = None
         while self.guard.mode is not Mode.RELEASED:
             told = self._told
