@@ -89,17 +89,12 @@ class Kinematic(Recorded):
                 self.angle[kind] += math.degrees(float(values[0])) * PERIOD
 
     def _percept(self):
-        pose = "1 0 0 -12 0 1 0 0 0 0 1 0.38 0 0 0 1"
-        joints = "".join(
-            f"(HJ (n {name.replace('e', 'j')}) (ax {angle:.3f}))"
-            for name, angle in self.angle.items()
-        )
+        pose = np.eye(4)
+        pose[:3, 3] = -12.0, 0.0, 0.38
+        turn = np.array([math.sin(self.now), 0.0, 0.0])
+        pull = np.array([math.cos(self.now), 0.0, 9.81])
         feet = "".join(f"(FRP (n {n}) (c 0 0 0) (f 0 0 22.5))" for n in ("lf", "rf"))
-        return (
-            f"(time (now {self.now:.3f}))(GPS (n torso) (tf {pose}))"
-            f"(GYR (n torso) (rt 0 {math.sin(self.now):.3f} 0))"
-            f"(ACC (n torso) (a 0 {math.cos(self.now):.3f} 9.81)){joints}{feet}"
-        )
+        return percept(self.now, pose, turn, pull, self.angle.values()) + feet
 
 
 class Walking(Kinematic):
@@ -122,7 +117,6 @@ class Walking(Kinematic):
     def _stand(self):
         """Put it on its feet, joints at zero."""
         self.data = mujoco.MjData(self.model)
-        mujoco.mj_resetData(self.model, self.data)
         self.told = np.zeros(len(JOINTS))  # rad/s
         self.data.ctrl = self.data.qpos[self.slots.position]
 
@@ -146,19 +140,23 @@ class Walking(Kinematic):
         pose = np.eye(4)
         pose[:3, 3] = data.qpos[:3] - [4.0, 0.0, 0.0]
         pose[:3, :3] = data.body("torso").xmat.reshape(3, 3)
-        place = " ".join(f"{number:.5f}" for number in pose.ravel())
         angles = np.rad2deg([s.sign * angle[s.joint] for s in SLOTS])
-        joints = "".join(
-            f"(HJ (n {name.replace('e', 'j')}) (ax {angle:.2f}))"
-            for name, angle in zip(EFFECTORS, angles, strict=True)
-        )
         feet = foot("lf", force[:4], True) + foot("rf", force[4:], False)
-        return (
-            f"(time (now {self.now:.3f}))(GPS (n torso) (tf {place}))"
-            f"(GYR (n torso) (rt {-turn[1]:.2f} {turn[0]:.2f} {turn[2]:.2f}))"
-            f"(ACC (n torso) (a {-pull[1]:.2f} {pull[0]:.2f} {pull[2]:.2f}))"
-            f"{joints}{feet}"
-        )
+        return percept(self.now, pose, turn, pull, angles) + feet
+
+
+def percept(now, pose, turn, pull, angles):
+    """What SimSpark says but for feet: deg/s and m/s^2 forward, left, up; degrees."""
+    place = " ".join(f"{number:.5f}" for number in pose.ravel())
+    joints = "".join(
+        f"(HJ (n {name.replace('e', 'j')}) (ax {angle:.3f}))"
+        for name, angle in zip(EFFECTORS, angles, strict=True)
+    )
+    return (
+        f"(time (now {now:.3f}))(GPS (n torso) (tf {place}))"
+        f"(GYR (n torso) (rt {-turn[1]:.3f} {turn[0]:.3f} {turn[2]:.3f}))"
+        f"(ACC (n torso) (a {-pull[1]:.3f} {pull[0]:.3f} {pull[2]:.3f})){joints}"
+    )
 
 
 def foot(name, force, left):

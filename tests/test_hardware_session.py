@@ -102,7 +102,6 @@ def test_a_bent_robot_without_power_rises_from_where_it_is():
     session, link = lying()
     link.nao.angle = link.nao.angle.copy()
     link.nao.angle[KNEE] = 1.0
-    changed(link, lambda frame: frame)
     session.take()
     count = iter(range(200))
     session.wait(lambda frame: next(count) == 100, power=0.0)
@@ -130,7 +129,7 @@ def sent_at(link, *signals):
     link.receive = receive
 
 
-def crouched(session, link):
+def crouched(link):
     """Whether it went down with power, which then went in a second."""
     targets, powers = runs.check_commands(link)
     down = np.abs(targets[:, KNEE] - CROUCH[KNEE]) < 1e-6
@@ -148,7 +147,7 @@ def test_whatever_ends_the_process_lets_it_crouch_first(number, monkeypatch):
     sent_at(link, (200, number), *again)
     with interruptible(session.stop), pytest.raises(KeyboardInterrupt):
         runs.walk(session)
-    assert crouched(session, link)
+    assert crouched(link)
     with interruptible(session.stop), pytest.raises(KeyboardInterrupt):
         session.take()  # it stays down
 
@@ -164,7 +163,7 @@ def test_a_second_ctrl_c_takes_its_power(monkeypatch):
         on = np.flatnonzero(powers[:, 0] >= 0.99)[-1]
         off = np.flatnonzero(powers[on:, 0] <= 0.0)[0]  # frames: 0.1 s, or a second
         assert bool(off <= 10) is falls
-        assert crouched(session, link) is not falls
+        assert crouched(link) is not falls
 
 
 def test_ctrl_z_does_not_leave_it_alone():

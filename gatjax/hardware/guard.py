@@ -46,10 +46,8 @@ class Limits(NamedTuple):
 LIMITS = Limits()
 FELL = "the robot fell"
 SENSORS = (*JOINTS, "the gyroscope", "the accelerometer")
-_LEGS = ("Hip", "Knee", "Ankle")
-VITAL = np.array([
-    part not in JOINTS or any(leg in part for leg in _LEGS) for part in SENSORS
-])  # fmt: skip
+VITAL = np.isin(np.arange(len(SENSORS)), nao.LEGS)
+VITAL[len(JOINTS) :] = True
 """Sensors without which no robot walks: legs, gyroscope, accelerometer."""
 
 

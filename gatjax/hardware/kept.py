@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Tuple
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from gatjax.records import Base, Outcome, Reading, Trajectory
 from gatjax.task import Task
 
 Array = Any
+Entry = Tuple[Trajectory, Outcome]
+"""A walk [T, ...] and its verdict []."""
 
 
 class Order(NamedTuple):
@@ -31,8 +33,8 @@ def _place(folder: Path, what: Order) -> Path:
     return folder / f"walk_{hashlib.sha256(asked.encode()).hexdigest()[:16]}.npz"
 
 
-def keep(folder: Path, what: Order, walk: tuple[Trajectory, Outcome]) -> None:
-    """Keep a walk: Trajectory [T, ...], Outcome []."""
+def keep(folder: Path, what: Order, walk: Entry) -> None:
+    """Keep a walk."""
     trajectory, outcome = walk
     path = _place(folder, what)
     named = {
@@ -44,7 +46,7 @@ def keep(folder: Path, what: Order, walk: tuple[Trajectory, Outcome]) -> None:
     write_whole({path: lambda file: np.savez(file, **named)})
 
 
-def kept(folder: Path, what: Order) -> tuple[Trajectory, Outcome] | None:
+def kept(folder: Path, what: Order) -> Entry | None:
     """Return a walk that was kept, None if there is none."""
     path = _place(folder, what)
     if not path.is_file():

@@ -35,7 +35,7 @@ def columns() -> list[str]:
     return ["time", "trajectory", *names]
 
 
-PLACE = ["x", "y", "z", "qw", "qx", "qy", "qz"]
+PLACE = ["time", "trajectory", "x", "y", "z", "qw", "qx", "qy", "qz"]
 FRAMES, OTHERS, PLACES = range(3)  # files
 
 
@@ -54,13 +54,13 @@ class Log:
         """
         number = 1 + max(map(_number, folder.glob("*_*.csv")), default=-1)
         self.path = folder / f"frames_{number:03}.csv"
-        places = folder / f"place_{number:03}.csv"
         notes = {"robot": robot, "base": "floating", "rate_hz": round(1.0 / period, 4)}
         self._files = []
-        for path in (self.path, folder / f"between_{number:03}.csv", places):
-            if path is not places:
+        heads = {"frames": columns(), "between": columns(), "place": PLACE}
+        for name, head in heads.items():
+            path = folder / f"{name}_{number:03}.csv"
+            if name != "place":
                 write_json(path.with_suffix(".json"), notes)
-            head = ["time", "trajectory", *PLACE] if path is places else columns()
             file = open(path, "xb", buffering=0)
             file.write((",".join(head) + "\n").encode())
             self._files.append(file)

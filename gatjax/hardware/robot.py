@@ -14,7 +14,7 @@ from gatjax.files import make_folder
 from gatjax.hardware.attendant import MOVES, WALKS, Attendant, put_up
 from gatjax.hardware.batches import judged, padded, stacked
 from gatjax.hardware.frames import Frame, Lost
-from gatjax.hardware.kept import Order, keep, kept
+from gatjax.hardware.kept import Entry, Order, keep, kept
 from gatjax.hardware.links import open_link
 from gatjax.hardware.log import BETWEEN, Log
 from gatjax.hardware.mind import Mind
@@ -86,17 +86,17 @@ class Hardware:
             )
         if not all(walk is not None and _measured(walk) for walk in walks):
             with self._session() as session:
-                walks = []
                 for number, order in enumerate(orders):
                     told = f"walk {number + 1} of {len(orders)}"
-                    walks.append(self._one(session, number, order, told))
+                    entry = walks[number] or kept(self.folder, order)  # asked twice
+                    walks[number] = self._one(session, number, order, entry, told)
         return stacked(walks)
 
     def _one(
-        self, session: Session, number: int, order: Order, told: str
-    ) -> tuple[Trajectory, Outcome]:
+        self, session: Session, number: int, order: Order, entry: Entry | None,
+        told: str,
+    ) -> Entry:  # fmt: skip
         """Return a walk: kept, or walked now; measured, or asked for now."""
-        entry = kept(self.folder, order)
         if entry is None:
             self.attendant.say(told)
             done = self._walked(session, number, order)
@@ -266,7 +266,7 @@ def said_of(frame: Frame) -> str:
     )
 
 
-def _measured(walk: tuple[Trajectory, Outcome]) -> bool:
+def _measured(walk: Entry) -> bool:
     """Return whether somebody said how far a walk went."""
     return bool(np.isfinite(walk[1].velocity))
 

@@ -8,7 +8,7 @@ from typing import Any, Callable, NamedTuple, Optional
 import numpy as np
 
 from gatjax.hardware.frames import BadFrame, Command, Frame, Link, Lost
-from gatjax.hardware.guard import FELL, LIMITS, Guard, Limits, Mode, Stage
+from gatjax.hardware.guard import FELL, Guard, Mode, Stage
 from gatjax.hardware.log import BETWEEN, Log
 from gatjax.records import Base, Reading
 from gatjax.robot import nao
@@ -63,13 +63,13 @@ def first_frame(link: Link) -> Frame:
 class Session:
     """Holds one robot; see the module."""
 
-    def __init__(self, link: Link, limits: Limits = LIMITS) -> None:
+    def __init__(self, link: Link) -> None:
         """Take over a robot that has no power.
 
         Raises:
             Lost: it sends no frame that can be read.
         """
-        self.link, self.limits = link, limits
+        self.link = link
         self.log: Log | None = None
         self.run = BETWEEN
         self.interrupted = False
@@ -85,7 +85,7 @@ class Session:
         """
         self.frame = first_frame(self.link)
         self._due = self._after(LATE)
-        self.guard = Guard(self.frame, self.link, self.limits)
+        self.guard = Guard(self.frame, self.link)
         self.guard.share = share
         self._tell(self.guard.sent, share)
         self._check()

@@ -10,15 +10,15 @@ import sys
 import numpy as np
 
 from gatjax.hardware.frames import Frame
+from gatjax.hardware.guard import LIMITS
 
 MOST = 20  # lines that are read in one frame
 AT_ONCE = 512  # bytes that any terminal takes whose queue is not full
 HELD = 0.1  # s that a button is down when somebody presses it
-UPRIGHT = float(np.deg2rad(45.0))  # rad; on its front the floor presses the button
 
 
 class Terminal:
-    """Asks for what only a person can do; a `attendant.Attendant`.
+    """Asks for what only a person can do; an `attendant.Attendant`.
 
     It never waits: the robot is looked after meanwhile.
     """
@@ -32,17 +32,16 @@ class Terminal:
 
     def ready(self, what: str, frame: Frame) -> bool:
         """Return whether the button was pressed, or Enter, since `what` was asked."""
-        if what != self._asked:
-            self._ask(what)
-            self._asked, self._up = what, False
-        self._say_on()
+        self._ask(what)
         done = "" in self._lines() or self._button(frame)
-        self._asked = "" if done else what
+        if done:
+            self._asked = ""
         return done
 
     def _button(self, frame: Frame) -> bool:
         """Return whether somebody holds the button of an upright robot down."""
-        if not frame.chest or np.abs(frame.tilt).max() > UPRIGHT:
+        lies = np.abs(frame.tilt).max() > LIMITS.tilt  # its button on the floor, maybe
+        if not frame.chest or lies:
             self._up, self._pressed = not frame.chest, frame.time
             return False
         return self._up and frame.time - self._pressed >= HELD
@@ -50,10 +49,7 @@ class Terminal:
     def distance(self, run: int) -> float | None:
         """Return how far the robot walked, m; None until somebody says it."""
         what = f"walk {run + 1}: how far towards the target, in cm?"
-        if what != self._asked:
-            self._ask(what)
-            self._asked = what
-        self._say_on()
+        self._ask(what)
         for line in self._lines():
             try:
                 centimetres = float(line)
@@ -89,10 +85,12 @@ class Terminal:
             self._unsaid = b""
 
     def _ask(self, what: str) -> None:
-        """Ask, and forget what was typed before."""
-        self.say(what)
-        self._lines()
-        self._typed = b""
+        """Ask once, and forget what was typed or pressed before."""
+        if what != self._asked:
+            self.say(what)
+            self._lines()
+            self._asked, self._typed, self._up = what, b"", False
+        self._say_on()
 
     def _lines(self) -> list[str]:
         """Take the whole lines that were typed."""

@@ -31,16 +31,16 @@ class Walk(NamedTuple):
 class Verdict:
     """Follows the score of a walk where something measures where the robot is."""
 
-    def __init__(self, task: Task, period: float) -> None:
+    def __init__(self, task: Task) -> None:
         """Begin; the walk is requested when the robot has settled."""
-        self.task, self.period = task, period
+        self.task = task
         self.go = round(task.settle / task.control_period)
         self.score: tasks.Score | None = None
         self._doubt: Base | None = None  # a fall that was seen once
 
     def tick(self, rows: list[Row]) -> int:
         """Number of the last row, counted with frames that were lost."""
-        return round((rows[-1].time - rows[0].time) / self.period)
+        return round((rows[-1].time - rows[0].time) / self.task.control_period)
 
     def follow(self, rows: list[Row]) -> bool:
         """Look at the last row; return whether the robot has fallen.
@@ -82,7 +82,7 @@ def walk(session: Session, mind: Mind, task: Task) -> Walk:
     """
     walking = False
     rows: list[Row] = []
-    verdict = Verdict(task, session.link.period)
+    verdict = Verdict(task)
 
     def mover(reading: Reading) -> Array | None:
         return mind.ask(reading, walking, session.link.thinking)

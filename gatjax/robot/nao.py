@@ -96,6 +96,12 @@ _LIMITS = {  # rad [BH]; HipPitch [URDF]; Hand: 0 closed, 1 open
 LIMITS = np.array([_LIMITS[joint] for joint in JOINTS])  # [J, 2] rad
 LOW, HIGH = LIMITS.T
 
+LEGS = np.array([
+    index for index, joint in enumerate(JOINTS)
+    if any(part in joint for part in ("Hip", "Knee", "Ankle"))
+])  # fmt: skip
+"""Joints from the hips down, in JOINTS."""
+
 WALKING_JOINTS = tuple(
     joint
     for joint in JOINTS

@@ -31,10 +31,6 @@ PRESSES = 2.0  # s between two while it is held without power
 POWER = 0.3  # stiffness from which a leg holds a robot
 LIFT = 0.5  # s without power after which it is picked up
 VERSION, HEAD = "6.0.0", "P0000000000000000000"
-LEGS = np.array([
-    index for index, joint in enumerate(JOINTS)
-    if any(part in joint for part in ("Hip", "Knee", "Ankle"))
-])  # fmt: skip
 
 Build = Callable[[Body, Floor, Run, np.ndarray, Task], course.Machine]
 
@@ -144,7 +140,7 @@ class SimulatedNao:
 
     def advance(self, told: Told) -> str | None:
         """Live through one frame; return what the hands did, if anything."""
-        steady = bool((np.abs(told.target - self.told.target)[LEGS] < 1e-6).all())
+        steady = bool((np.abs(told.target - self.told.target)[nao.LEGS] < 1e-6).all())
         self.told, self.since = told, self.since + PERIOD
         self.powerless = 0.0 if told.stiffness.any() else self.powerless + PERIOD
         if self.machine is None:
@@ -165,8 +161,8 @@ class SimulatedNao:
         told = self.told
         way = np.clip(told.target - self.angle, -HANDS * PERIOD, HANDS * PERIOD)
         self.angle = self.angle + np.where(told.stiffness > 0.0, way, 0.0)
-        near = np.abs(told.target - self.angle)[LEGS].max() < NEAR
-        if not (steady and near and told.stiffness[LEGS].min() > POWER):
+        near = np.abs(told.target - self.angle)[nao.LEGS].max() < NEAR
+        if not (steady and near and told.stiffness[nao.LEGS].min() > POWER):
             self.since = 0.0
         if self.since >= STEADY:
             self._put_down()
