@@ -57,7 +57,7 @@ def fastest_clause(summary: Summary) -> str:
     first = ranked[0]
     what = "the fastest walk on the robot without a fall"
     if not first.stands:
-        what = "every winner fell; the fastest, in the walks without a fall,"
+        what = "every winner fell at least once; the fastest, its falls aside,"
     gain = gain_over(summary.theta0, first.best, 1.0 - (1.0 - LEVEL) / len(ranked))
     if summary.theta0 is None:
         against = "theta0 was not evaluated, so its gain is unknown"
