@@ -20,7 +20,7 @@ from gatjax.sim.world import (
     fields_applied,
     nominal,
 )
-from gatjax.task import Task, pose
+from gatjax.task import Task, begin, pose
 from gatjax.walk.parameters import HIGH, LOW, STEP, THETA0
 
 BENT = """
@@ -169,15 +169,25 @@ def test_a_learned_effect_sees_the_joints_that_are_held():
     np.testing.assert_allclose(changed.target - target, shift[WALKING], atol=1e-6)
 
 
-@pytest.mark.parametrize("kept", [np.arange(25), WALKING])
-def test_noise_is_that_of_the_joint(kept):
-    def of(joints):
-        like = episode.Reading(
-            np.zeros(len(joints), np.float32), *np.zeros((2, 3)), np.zeros(8)
-        )
-        return episode.draws(jax.random.key(4), 3, like, joints)
-
-    (whole, commands), (some, told) = of(np.arange(25)), of(kept)
-    np.testing.assert_array_equal(some.angle, whole.angle[kept])
-    np.testing.assert_array_equal(told, commands[kept])
-    np.testing.assert_array_equal(some.force, whole.force)
+def test_a_joint_is_disturbed_alike_whatever_joints_are_held():
+    noisy = add_cause(nominal(Task()), "command_noise", ["all"], 0.01)
+    key, tick, policy = jax.random.key(4), 3, jax.numpy.asarray(THETA0)
+    readings, told = [], []
+    for world in (noisy, lighter(noisy)):
+        where, values = slots(world.model), world.values
+        drawn = episode.draw(world.task, policy, key)
+        qpos, qvel = episode.placed(world.model, where, drawn)
+        sensors = np.zeros(world.model.nsensordata, np.float32)
+        plant = episode.observe(where, qpos, qvel, sensors)
+        loop, _ = episode.open_loop(world, values, drawn, begin(policy), plant)
+        noise = episode.noise(drawn.noise, tick)
+        _, reading = episode.sense(world, values, drawn, noise, loop, tick, plant)
+        row = episode.Row(drawn.pose, reading, plant.base, True)
+        _, signal = episode.tell(world, values, loop.command, plant, row, noise)
+        readings.append(reading)
+        told.append(signal.target)
+    whole, light = readings
+    np.testing.assert_array_equal(light.angle[WALKING], whole.angle[WALKING])
+    np.testing.assert_array_equal(light.force, whole.force)
+    np.testing.assert_array_equal(told[1], told[0][WALKING])
+    assert np.ptp(told[1] - drawn.pose[WALKING]) > 0.01

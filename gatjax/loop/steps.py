@@ -15,6 +15,7 @@ from gatjax.ranking import Evaluate
 from gatjax.settings import LoopSettings
 from gatjax.sim.backend import costs, prepare
 from gatjax.sim.lighter import lighter
+from gatjax.sim.spread import everywhere
 from gatjax.sim.world import World, stacked
 
 Share = Callable[[Evaluate], Evaluate]
@@ -60,7 +61,9 @@ def generation(
     def build(turns: int) -> search.Generation:
         backend = prepare(world, settings.backend, settings.impl, turns)
         if backend.compiled and share is unshared:
-            return jax.jit(lift(search.generation(space, wanted, costs(backend))))
+            step = jax.jit(lift(search.generation(space, wanted, costs(backend))))
+            devices = jax.local_devices()
+            return lambda state, *rest: step(everywhere(state, devices), *rest)
         return search.host_generation(space, wanted, share(costs(backend)))
 
     return frugal(build, wanted.population * wanted.rollouts, say)

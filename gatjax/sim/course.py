@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 
 from gatjax import task as tasks
@@ -33,8 +32,7 @@ class Place(NamedTuple):
     loop: episode.Loop
     data: Any  # of the engine
     servos: Any
-    noise: Array  # [2] words of the run's noise key
-    go: Array  # [] int, control tick of the walk request
+    drawn: episode.Draw
     tick: Array  # [] int, control ticks so far
 
 
@@ -52,27 +50,26 @@ def course(world: World, engine: Engine) -> Course:
     where, servos = find_slots(world.model), actuation(world)
 
     def begin(values: Values, policy: Array, key: Array) -> Place:
-        start_key, noise_key = jax.random.split(key)
-        start = episode.start(world, where, policy, start_key)
-        data = engine.begin(start.qpos, start.qvel)
-        plant = engine.see(data)
-        loop = episode.open_loop(world, values, policy, plant)
-        stand = tasks.pose(policy)[episode.joints_of(world.model)]
-        still = jnp.zeros_like(plant.velocity)
-        first = Signal(stand, plant.reading.angle, plant.velocity, still)
-        noise = jax.random.key_data(noise_key)
-        return Place(loop, data, servos.init(values, first), noise, start.go,
-                     jnp.int32(0))  # fmt: skip
+        drawn = episode.draw(world.task, policy, key)
+        data = engine.begin(*episode.placed(world.model, where, drawn))
+        plant, pilot = engine.see(data), tasks.begin(policy)
+        loop, first = episode.open_loop(world, values, drawn, pilot, plant)
+        return Place(loop, data, servos.init(values, first), drawn, jnp.int32(0))
 
     def look(
         values: Values, policy: Array, place: Place
     ) -> tuple[Place, Signal, episode.Row]:
-        key = jax.random.wrap_key_data(place.noise)
-        control = episode.control(world, values, policy, key, place.go)
-        plant = engine.see(place.data)
+        drawn, plant = place.drawn, engine.see(place.data)
         angle = servos.seen(values, place.servos, plant.reading.angle)
         plant = plant._replace(reading=plant.reading._replace(angle=angle))
-        loop, signal, row = control(place.loop, place.tick, plant)
+        noise = episode.noise(drawn.noise, place.tick)
+        loop, reading = episode.sense(
+            world, values, drawn, noise, place.loop, place.tick, plant
+        )
+        pilot, target = tasks.pilot(world.task, policy, drawn.go, loop.pilot, reading)
+        row = episode.Row(target, reading, plant.base, loop.score.alive)
+        command, signal = episode.tell(world, values, loop.command, plant, row, noise)
+        loop = loop._replace(pilot=pilot, command=command)
         return place._replace(loop=loop, tick=place.tick + 1), signal, row
 
     def move(values: Values, place: Place, target: Array) -> Place:

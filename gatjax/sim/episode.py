@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -10,7 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from gatjax import task as tasks
-from gatjax.records import JOINTS, Base, Outcome, Reading, Sensed, Signal, Trajectory
+from gatjax.records import (
+    FORCE_SENSORS,
+    JOINTS,
+    Base,
+    Outcome,
+    Reading,
+    Sensed,
+    Signal,
+    Trajectory,
+)
 from gatjax.robot import nao
 from gatjax.robot.model import Slots, joint_names
 from gatjax.sim.world import Values, World
@@ -48,12 +56,16 @@ class Row(NamedTuple):
     alive: Array  # [] bool
 
 
-class Start(NamedTuple):
-    """How a run begins."""
+class Draw(NamedTuple):
+    """How a run begins, whatever the robot's model leaves out."""
 
-    qpos: Array  # [nq]
-    qvel: Array  # [nv]
+    pose: Array  # [J] rad, the ready pose
+    angle: Array  # [J] rad, disturbed
+    height: Array  # [] m, of the torso
+    push: Array  # [2] m/s, forward and sideways
+    spin: Array  # [3] rad/s
     go: Array  # [] int, control tick of the walk request
+    noise: Array  # [2] words of the run's noise key
 
 
 def joints_of(model: Any) -> np.ndarray:
@@ -75,26 +87,36 @@ def observe(slots: Slots, qpos: Array, qvel: Array, sensors: Array) -> Plant:
     )
 
 
-def start(world: World, slots: Slots, policy: Array, key: Array) -> Start:
+def draw(task: tasks.Task, policy: Array, key: Array) -> Draw:
     """Draw the start of a run: ready pose on the floor, slightly disturbed."""
-    model, task = world.model, world.task
+    key, noise = jax.random.split(key)
     angle_key, velocity_key, spin_key, go_key = jax.random.split(key, 4)
-    kept, angle = joints_of(model), tasks.pose(policy)
-    height = unpack(policy).walk_hip_height + nao.HIP_DROP
-    qpos = jnp.zeros(model.nq, policy.dtype).at[2].set(height).at[3].set(1.0)
-    disturbance = START_ANGLE * jax.random.normal(angle_key, angle.shape, policy.dtype)
+    pose = tasks.pose(policy)
+    disturbance = START_ANGLE * jax.random.normal(angle_key, pose.shape, policy.dtype)
     low, high = jnp.asarray(nao.LOW, policy.dtype), jnp.asarray(nao.HIGH, policy.dtype)
-    angle = jnp.clip(angle + disturbance, low, high)
-    qpos = qpos.at[slots.position].set(angle[kept])
-    follower, follows = coupled(model, qpos)
-    qpos = qpos.at[follower].set(follows)
-    qvel = jnp.zeros(model.nv, policy.dtype)
     push = START_VELOCITY * jax.random.normal(velocity_key, (2,), policy.dtype)
     spin = START_SPIN * jax.random.normal(spin_key, (3,), policy.dtype)
-    qvel = qvel.at[:2].set(push).at[3:6].set(spin)
     latest = round(task.longest_delay / task.control_period)
     settle = round(task.settle / task.control_period)
-    return Start(qpos, qvel, settle + jax.random.randint(go_key, (), 0, latest + 1))
+    return Draw(
+        pose=pose,
+        angle=jnp.clip(pose + disturbance, low, high),
+        height=unpack(policy).walk_hip_height + nao.HIP_DROP,
+        push=push,
+        spin=spin,
+        go=settle + jax.random.randint(go_key, (), 0, latest + 1),
+        noise=jax.random.key_data(noise),
+    )
+
+
+def placed(model: Any, slots: Slots, drawn: Draw) -> tuple[Array, Array]:
+    """State of a run that begins: qpos [nq] and qvel [nv]."""
+    dtype = drawn.angle.dtype
+    qpos = jnp.zeros(model.nq, dtype).at[2].set(drawn.height).at[3].set(1.0)
+    qpos = qpos.at[slots.position].set(drawn.angle[joints_of(model)])
+    follower, follows = coupled(model, qpos)
+    qvel = jnp.zeros(model.nv, dtype).at[:2].set(drawn.push).at[3:6].set(drawn.spin)
+    return qpos.at[follower].set(follows), qvel
 
 
 def ties(model: Any) -> tuple[Any, Any, Any]:
@@ -136,66 +158,81 @@ def coupled_speed(model: Any, qpos: Array, qvel: Array) -> tuple[Any, Array]:
     return model.jnt_dofadr[followers], slope * qvel[..., model.jnt_dofadr[leaders]]
 
 
-def open_loop(world: World, values: Values, policy: Array, plant: Plant) -> Loop:
-    """Return the control loop of a run that begins."""
+def open_loop(
+    world: World, values: Values, drawn: Draw, pilot: tasks.PilotState, plant: Plant
+) -> tuple[Loop, Signal]:
+    """Return the control loop of a run that begins, and what its servos are told."""
     command, _, sensor = world.chains()
-    angle = tasks.pose(policy)[joints_of(world.model)]
+    still = jnp.zeros_like(plant.velocity)
+    angle = drawn.pose[joints_of(world.model)]
+    signal = Signal(angle, plant.reading.angle, plant.velocity, still)
     silent = jax.tree.map(jnp.zeros_like, plant.reading)
-    signal = Signal(angle, plant.reading.angle, plant.velocity, 0.0 * angle)
-    return Loop(
-        pilot=tasks.begin(policy),
+    loop = Loop(
+        pilot=pilot,
         command=command.init(values.command, signal),
         sensor=sensor.init(values.sensor, Sensed(plant.reading, silent)),
         score=tasks.open_score(plant.base),
     )
+    return loop, signal
 
 
-def draws(
-    key: Array, tick: Array, like: Reading, kept: np.ndarray
-) -> tuple[Reading, Array]:
-    """Unit normal draws of one tick: for the sensors, and for the command [K].
+class Noise(NamedTuple):
+    """Unit normal draws of one tick, of all joints whatever the model leaves out."""
 
-    A joint's draws are the same whatever other joints the model has.
+    reading: Reading  # [J], [3], [3], [F]
+    command: Array  # [J]
+
+
+def noise(words: Array, tick: Array) -> Noise:
+    """Draw the noise of a tick.
+
+    It is folded from the run's key [2] by tick, so that all policies of a generation
+    meet the same disturbances.
     """
-    joints = len(JOINTS)
-    sizes = [joints, *(leaf.shape[-1] for leaf in like[1:])]
-    total = sum(sizes) + joints
-    flat = jax.random.normal(jax.random.fold_in(key, tick), (total,), like.angle.dtype)
-    ends = [sum(sizes[: index + 1]) for index in range(len(sizes))]
-    parts = [flat[e - n : e] for e, n in zip(ends, sizes, strict=True)]
-    reading = Reading(*parts)
-    return reading._replace(angle=reading.angle[kept]), flat[total - joints :][kept]
+    key = jax.random.fold_in(jax.random.wrap_key_data(words), tick)
+    sizes = [len(JOINTS), 3, 3, len(FORCE_SENSORS), len(JOINTS)]
+    *reading, command = jnp.split(
+        jax.random.normal(key, (sum(sizes),)), np.cumsum(sizes)[:-1]
+    )
+    return Noise(Reading(*reading), command)
 
 
-def control(
-    world: World, values: Values, policy: Array, key: Array, go: Array
-) -> Callable[[Loop, Array, Plant], tuple[Loop, Signal, Row]]:
-    """Return one control tick: (loop, tick, plant) -> (loop, signal, row).
+def sense(
+    world: World, values: Values, drawn: Draw, noise: Noise, loop: Loop, tick: Array,
+    plant: Plant,
+) -> tuple[Loop, Reading]:  # fmt: skip
+    """The first part of a control tick: the loop, and the reading of all joints."""
+    kept, sensor = joints_of(world.model), world.chains()[2]
+    disturbance = noise.reading._replace(angle=noise.reading.angle[kept])
+    score = tasks.keep_score(world.task, drawn.go, tick, loop.score, plant.base)
+    state, sensed = sensor.apply(
+        values.sensor, loop.sensor, Sensed(plant.reading, disturbance)
+    )
+    whole = drawn.pose.at[kept].set(sensed.reading.angle)
+    loop = loop._replace(sensor=state, score=score)
+    return loop, sensed.reading._replace(angle=whole)
 
-    What the servos are told is the signal's target.
 
-    `key` belongs to the run; noise is folded from it by tick, so that all policies of a
-    generation meet the same disturbances.
+def tell(
+    world: World, values: Values, state: Any, plant: Plant, row: Row, noise: Noise
+) -> tuple[Any, Array]:
+    """The last part of a control tick: what the servos are told of the pilot's targets.
+
+    Args:
+        world: what is simulated.
+        values: of its effects.
+        state: of the command effects.
+        plant: what the physics is like.
+        row: of this tick.
+        noise: of this tick.
+
+    Returns:
+        The new state, and a signal whose target is what the servos are told.
     """
-    command, _, sensor = world.chains()
-    task, kept, rest = world.task, joints_of(world.model), tasks.pose(policy)
-
-    def step(loop: Loop, tick: Array, plant: Plant) -> tuple[Loop, Signal, Row]:
-        sensor_noise, command_noise = draws(key, tick, plant.reading, kept)
-        score = tasks.keep_score(task, go, tick, loop.score, plant.base)
-        sensor_state, sensed = sensor.apply(
-            values.sensor, loop.sensor, Sensed(plant.reading, sensor_noise)
-        )
-        angle = sensed.reading.angle
-        whole = sensed.reading._replace(angle=rest.at[kept].set(angle))
-        pilot, target = tasks.pilot(task, policy, go, loop.pilot, whole)
-        row = Row(target, whole, plant.base, score.alive)
-        signal = Signal(target[kept], angle, plant.velocity, command_noise)
-        command_state, signal = command.apply(values.command, loop.command, signal)
-        loop = Loop(pilot, command_state, sensor_state, score)
-        return loop, signal, row
-
-    return step
+    kept = joints_of(world.model)
+    angle = row.reading.angle[kept]
+    signal = Signal(row.command[kept], angle, plant.velocity, noise.command[kept])
+    return world.chains()[0].apply(values.command, state, signal)
 
 
 def trajectory(world: World, rows: Row) -> Trajectory:

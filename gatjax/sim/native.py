@@ -1,7 +1,8 @@
 """The native backend: MuJoCo C on all CPU cores, the control loop vectorised between.
 
-`mujoco.batch.Batch` steps the physics; pilot, effects and networks run as one compiled
-CPU function over all robots. Robots that fell or finished are no longer stepped.
+`mujoco.batch.Batch` steps the physics; pilot, effects and networks run as compiled CPU
+functions over all robots: those that do not depend on the world are compiled once for
+all worlds. Robots that fell or finished are no longer stepped.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import dataclasses
 import functools
 import threading
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -63,6 +64,34 @@ def _cpu(function: Callable, axes: tuple) -> Callable:
     return call
 
 
+class Start(NamedTuple):
+    """State of a run that begins."""
+
+    qpos: Array  # [nq]
+    qvel: Array  # [nv]
+
+
+class Shared(NamedTuple):
+    """What runs of a task have in common, whatever the world is."""
+
+    draw: Callable[[Array, Array], tuple[episode.Draw, tasks.PilotState]]
+    noise: Callable[[Array, Array], episode.Noise]
+    pilot: Callable[..., tuple[tasks.PilotState, Array]]  # as `tasks.pilot`
+
+
+@functools.cache
+def _shared(task: tasks.Task) -> Shared:
+    """The larger part of the control loop, compiled once for all worlds."""
+
+    def draw(policy: Array, key: Array) -> tuple[episode.Draw, tasks.PilotState]:
+        return episode.draw(task, policy, key), tasks.begin(policy)
+
+    pilot = functools.partial(tasks.pilot, task)
+    return Shared(
+        _cpu(draw, (0, 0)), _cpu(episode.noise, (0, None)), _cpu(pilot, (0, 0, 0, 0))
+    )
+
+
 class Native:
     """Runs of one world on the CPU; every method takes values and a batch."""
 
@@ -83,38 +112,44 @@ class Native:
         self._engine, self._shares = engine, shares
         self._where = find_slots(world.model)
         self._servos = actuation(world)
-        self.begin = _cpu(self._begin_one, (None, 0, 0))
-        self._tick = _cpu(self._tick_one, (None, 0, 0, 0, 0, None, 0, 0, 0, 0))
+        self._open = _cpu(self._open_one, (None, 0, 0))
+        self._sense = _cpu(self._sense_one, (None, 0, 0, 0, None, 0, 0, 0, 0))
+        self._tell = _cpu(self._tell_one, (None, 0, 0, 0, 0))
         self._motor = _cpu(self._motor_one, (None, 0, 0, 0, 0, 0))
         self._command = _cpu(self._command_one, (None, 0, 0, 0, 0, 0))
         self._init = _cpu(self._init_one, (None, 0, 0))
-        self._sense = _cpu(self._sense_one, (None, 0, 0, 0))
+        self._report = _cpu(self._report_one, (None, 0, 0, 0))
 
     # one robot; vectorised by the constructor
 
-    def _begin_one(self, values: Values, policy: Array, key: Array) -> tuple:
-        start_key, noise_key = jax.random.split(key)
-        begin = episode.start(self.world, self._where, policy, start_key)
-        sensors = jnp.zeros(self.world.model.nsensordata, policy.dtype)
-        plant = episode.observe(self._where, begin.qpos, begin.qvel, sensors)
-        loop = episode.open_loop(self.world, values, policy, plant)
-        kept = episode.joints_of(self.world.model)
-        first = Signal(
-            tasks.pose(policy)[kept], plant.reading.angle, plant.velocity,
-            jnp.zeros_like(plant.velocity),
-        )  # fmt: skip
-        return begin, loop, self._servos.init(values, first), noise_key
+    def _open_one(
+        self, values: Values, drawn: episode.Draw, pilot: tasks.PilotState
+    ) -> tuple[Start, episode.Loop, State]:
+        qpos, qvel = episode.placed(self.world.model, self._where, drawn)
+        sensors = jnp.zeros(self.world.model.nsensordata, qpos.dtype)
+        plant = episode.observe(self._where, qpos, qvel, sensors)
+        loop, first = episode.open_loop(self.world, values, drawn, pilot, plant)
+        return Start(qpos, qvel), loop, self._servos.init(values, first)
 
-    def _tick_one(
-        self, values: Values, policy: Array, key: Array, go: Array, loop: episode.Loop,
-        tick: Array, qpos: Array, qvel: Array, sensors: Array, motor: State,
-    ) -> tuple[episode.Loop, Array, episode.Row]:  # fmt: skip
-        control = episode.control(self.world, values, policy, key, go)
+    def _sense_one(
+        self, values: Values, drawn: episode.Draw, noise: episode.Noise,
+        loop: episode.Loop, tick: Array, qpos: Array, qvel: Array, sensors: Array,
+        motor: State,
+    ) -> tuple[episode.Loop, episode.Plant, Reading]:  # fmt: skip
         plant = episode.observe(self._where, qpos, qvel, sensors)
         angle = self._servos.seen(values, motor, plant.reading.angle)
         plant = plant._replace(reading=plant.reading._replace(angle=angle))
-        loop, signal, row = control(loop, tick, plant)
-        return loop, signal.target, row
+        loop, reading = episode.sense(
+            self.world, values, drawn, noise, loop, tick, plant
+        )
+        return loop, plant, reading
+
+    def _tell_one(
+        self, values: Values, state: Any, plant: episode.Plant, row: episode.Row,
+        noise: episode.Noise,
+    ) -> tuple[Any, Array]:  # fmt: skip
+        state, signal = episode.tell(self.world, values, state, plant, row, noise)
+        return state, signal.target
 
     def _motor_one(
         self, values: Values, state: State, target: Array, angle: Array,
@@ -138,7 +173,7 @@ class Native:
         signal = Signal(target, angle, jnp.zeros_like(angle), jnp.zeros_like(angle))
         return command.init(values.command, signal), self._servos.init(values, signal)
 
-    def _sense_one(
+    def _report_one(
         self, values: Values, state: Any, motor: State, angle: Array
     ) -> tuple[Any, Array]:
         """Return what is measured of joints at an angle; state None is the first."""
@@ -152,6 +187,12 @@ class Native:
         return state, signal.reading.angle
 
     # batches
+
+    def begin(self, values: Values, policies: Array, keys: Array) -> tuple:
+        """Return how runs begin: their state, what was drawn, loops and servos."""
+        drawn, pilot = _shared(self.world.task).draw(policies, keys)
+        start, loop, motor = self._open(values, drawn, pilot)
+        return start, drawn, loop, motor
 
     def batch(self, values: Values, size: int) -> Any:
         """Return what steps so many robots, with the field changes of these values."""
@@ -210,20 +251,26 @@ class Native:
         count = len(policies)
         rows = _padding(count)
         policies = jnp.asarray(policies, jnp.result_type(float))[rows]
-        begin, loop, motor, noise_keys = self.begin(values, policies, keys[rows])
+        start, drawn, loop, motor = self.begin(values, policies, keys[rows])
+        shared = _shared(self.world.task)
         real = jnp.arange(len(rows)) < count
         loop = loop._replace(score=loop.score._replace(alive=real))
         physics = self.batch(values, len(rows))
         servos = functools.partial(self._motor, values)
         physics.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
-        physics.qpos[:], physics.qvel[:] = begin.qpos, begin.qvel
+        physics.qpos[:], physics.qvel[:] = start
         sensors = physics.bind("sensordata")
         full = np.ones((len(rows), self.world.model.nu))
         for tick in range(self.world.task.ticks):
-            loop, target, row = self._tick(
-                values, policies, noise_keys, begin.go, loop,
-                jnp.int32(tick), physics.qpos, physics.qvel, sensors, motor,
+            noise = shared.noise(drawn.noise, np.int32(tick))
+            loop, plant, reading = self._sense(
+                values, drawn, noise, loop, np.int32(tick),
+                physics.qpos, physics.qvel, sensors, motor,
             )  # fmt: skip
+            mind, target = shared.pilot(policies, drawn.go, loop.pilot, reading)
+            row = episode.Row(target, reading, plant.base, loop.score.alive)
+            command, target = self._tell(values, loop.command, plant, row, noise)
+            loop = loop._replace(pilot=mind, command=command)
             keep(row, count)
             ids = np.flatnonzero(np.asarray(loop.score.alive))
             if len(ids) == 0 or stopped.is_set():
@@ -309,7 +356,7 @@ class Native:
                 angle = physics.qpos[:, self._where.position]
                 velocity = physics.qvel[:, self._where.velocity]
                 if sense is None:
-                    sense, _ = self._sense(values, None, motor, angle)
+                    sense, _ = self._report(values, None, motor, angle)
                 angle = self._servos.seen(values, motor, angle)
             state, target = self._command(
                 values, state, commands[:, index], angle, velocity, drawn[:, index]
@@ -320,7 +367,7 @@ class Native:
                 continue
             motor = self._advance(physics, servos, motor, target, None, given[:, index])
             angle = physics.qpos[:, self._where.position]
-            sense, measured = self._sense(values, sense, motor, angle)
+            sense, measured = self._report(values, sense, motor, angle)
             played.append(np.asarray(measured))
         return self._logged(values, angles, np.stack(played, axis=1))
 
@@ -330,7 +377,7 @@ class Native:
         angle = readings
         for _ in range(INVERTED):
             _, motor = self._init(values, angle, angle)
-            _, measured = self._sense(values, None, motor, angle)
+            _, measured = self._report(values, None, motor, angle)
             angle = angle + readings - np.asarray(measured)
         return angle
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import jax
 import numpy as np
-from jax.sharding import Mesh, PartitionSpec
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 Array = Any
 ROBOTS = "robots"  # the axis of the mesh
@@ -23,7 +23,7 @@ def over_devices(outcome: Callable[..., Any], devices: Sequence[Any]) -> Callabl
         outcome: (values, policies [B, 15], keys [B]) -> leaves [B, ...], traceable.
         devices: of this host.
     """
-    mesh = Mesh(np.array(devices), (ROBOTS,))
+    mesh = _mesh(devices)
     each, all_same = PartitionSpec(ROBOTS), PartitionSpec()
     split = jax.shard_map(
         outcome, mesh=mesh, in_specs=(all_same, each, each), out_specs=each,
@@ -38,6 +38,20 @@ def over_devices(outcome: Callable[..., Any], devices: Sequence[Any]) -> Callabl
         return jax.tree.map(lambda leaf: leaf[:count], result)
 
     return run
+
+
+def everywhere(tree: Any, devices: Sequence[Any]) -> Any:
+    """Return a tree whose leaves lie on all devices, as what such runs return does.
+
+    A program that is called with its own results is then compiled only once.
+    """
+    if len(devices) == 1:
+        return tree
+    return jax.device_put(tree, NamedSharding(_mesh(devices), PartitionSpec()))
+
+
+def _mesh(devices: Sequence[Any]) -> Mesh:
+    return Mesh(np.array(devices), (ROBOTS,))
 
 
 def in_turns(outcome: Callable[..., Any], turns: int) -> Callable:
