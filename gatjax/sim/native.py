@@ -112,6 +112,7 @@ class Native:
         self._engine, self._shares = engine, shares
         self._where = find_slots(world.model)
         self._servos = actuation(world)
+        self._shared = _shared(world.task)
         self._open = _cpu(self._open_one, (None, 0, 0))
         self._sense = _cpu(self._sense_one, (None, 0, 0, 0, None, 0, 0, 0, 0))
         self._tell = _cpu(self._tell_one, (None, 0, 0, 0, 0))
@@ -190,7 +191,7 @@ class Native:
 
     def begin(self, values: Values, policies: Array, keys: Array) -> tuple:
         """Return how runs begin: their state, what was drawn, loops and servos."""
-        drawn, pilot = _shared(self.world.task).draw(policies, keys)
+        drawn, pilot = self._shared.draw(policies, keys)
         start, loop, motor = self._open(values, drawn, pilot)
         return start, drawn, loop, motor
 
@@ -252,7 +253,6 @@ class Native:
         rows = _padding(count)
         policies = jnp.asarray(policies, jnp.result_type(float))[rows]
         start, drawn, loop, motor = self.begin(values, policies, keys[rows])
-        shared = _shared(self.world.task)
         real = jnp.arange(len(rows)) < count
         loop = loop._replace(score=loop.score._replace(alive=real))
         physics = self.batch(values, len(rows))
@@ -262,12 +262,12 @@ class Native:
         sensors = physics.bind("sensordata")
         full = np.ones((len(rows), self.world.model.nu))
         for tick in range(self.world.task.ticks):
-            noise = shared.noise(drawn.noise, np.int32(tick))
+            noise = self._shared.noise(drawn.noise, np.int32(tick))
             loop, plant, reading = self._sense(
                 values, drawn, noise, loop, np.int32(tick),
                 physics.qpos, physics.qvel, sensors, motor,
             )  # fmt: skip
-            mind, target = shared.pilot(policies, drawn.go, loop.pilot, reading)
+            mind, target = self._shared.pilot(policies, drawn.go, loop.pilot, reading)
             row = episode.Row(target, reading, plant.base, loop.score.alive)
             command, target = self._tell(values, loop.command, plant, row, noise)
             loop = loop._replace(pilot=mind, command=command)
