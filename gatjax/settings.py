@@ -77,8 +77,8 @@ class LoopSettings:
     all of them (full); candidates are measured with all of them."""
     backend: str = "auto"
     """Search on: native (CPU threads), mjx (one compiled call), auto."""
-    impl: str = "jax"
-    """MJX implementation: jax, or warp on NVIDIA."""
+    impl: str = "auto"
+    """MJX implementation: jax, warp (NVIDIA), or auto: warp where it can run."""
 
 
 DEMO = LoopSettings(

@@ -28,7 +28,9 @@ def test_trials_are_one_call_and_each_finds_what_it_finds_alone_on_native(tmp_pa
         return signal._replace(target=(1.0 - share) * signal.target)
 
     task = Task(settle=0.1, longest_delay=0.04, duration=0.4)
-    settings = LoopSettings(search=SETTINGS, backend="mjx", candidates=("best",))
+    settings = LoopSettings(
+        search=SETTINGS, backend="mjx", impl="jax", candidates=("best",)
+    )
     progress = loop.Progress(told.append, lambda units: traced.append(len(traces)))
 
     def job(seed, folder):

@@ -20,10 +20,11 @@ def test_only_processors_that_the_process_was_given_are_used():
     given = processors.usable()[-1]
     ask = (
         f"import os; os.sched_setaffinity(0, {{{given}}}); "
-        "from gatjax.diagnosis.case import THREADS; print(THREADS)"
+        "from gatjax.diagnosis.case import THREADS; from gatjax.surrogate import stiff;"
+        "print(THREADS, stiff.THREADS)"
     )
     told = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True)
-    assert told.stdout.strip() == "1"
+    assert told.stdout.strip() == "1 1"
 
 
 def test_all_threads_compute_on_the_cpu_and_only_inside():

@@ -24,7 +24,7 @@ from gatjax.task import Task, begin, pose
 from gatjax.walk.parameters import HIGH, LOW, STEP, THETA0
 
 BENT = """
-<mujoco><worldbody>
+<mujoco><worldbody><light pos="0 0 3"/><camera name="eye" pos="1 0 1"/>
   <body pos="0 0 1" quat="0.9 0.1 0.3 0.2"><joint name="a" axis="0 1 0"/>
     <geom size="0.1" mass="1"/>
     <body pos="0.2 0.1 0" quat="0.8 -0.2 0.1 0.5">
@@ -47,6 +47,7 @@ def test_a_welded_hinge_is_where_it_stood(tmp_path):
     whole = load(tmp_path / "bent.xml")
     held = load(tmp_path / "bent.xml", held=Held({"b": 0.7}, whole))
     assert joint_names(held) == ("a", "c")
+    assert (whole.ncam, whole.nlight, held.ncam, held.nlight) == (1, 1, 0, 0)
     tips = []
     for model, angles in ((whole, [0.3, 0.7, -0.4]), (held, [0.3, -0.4])):
         data = mujoco.MjData(model)

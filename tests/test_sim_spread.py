@@ -59,7 +59,8 @@ space = search.Space(THETA0, STEP, LOW, HIGH)
 wanted = SearchSettings(population=5, rollouts=3)
 told = {"devices": len(jax.devices()), "traces": []}
 for backend in ("mjx", "native"):
-    step = generation(LoopSettings(search=wanted, backend=backend), world, space)
+    settings = LoopSettings(search=wanted, backend=backend, impl="jax")
+    step = generation(settings, world, space)
     state, costs = search.start(space, wanted, jax.random.key(2)), []
     for number, values in enumerate((world.values, weak)):
         state, info = step(state, values, np.int32(number))

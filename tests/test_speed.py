@@ -1,5 +1,7 @@
 """The bench: equal work in all its loops, parts that add up, words for people."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ from gatjax.cli import main
 from gatjax.runs import read_json
 from gatjax.sim.native import Native
 from gatjax.speed import bench, peers
-from gatjax.speed.stages import Held
+from gatjax.speed.stages import Held, hung
 from gatjax.speed.worlds import recorded, world_of
 from gatjax.task import Task
 
@@ -58,6 +60,20 @@ def test_the_environment_loop_walks(walk):
 )
 def test_worlds_are_policies_times_rollouts(count, parts):
     assert bench.shared(count) == parts
+
+
+@dataclasses.dataclass
+class Hanging:
+    ctrl: np.ndarray
+    sensordata: np.ndarray
+    replace = dataclasses.replace
+
+
+@pytest.mark.parametrize("told", [0.3, np.nan])
+def test_what_a_hanging_robot_is_told_is_not_left_out(told):
+    """Or its stage would be timed without the walk engine."""
+    later = hung(None, Hanging(np.array([0.1, told]), np.array([9.8])))
+    np.testing.assert_array_equal(later.sensordata, [9.8 + 0.0 * told])
 
 
 def test_too_few_worlds_are_refused():

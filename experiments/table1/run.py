@@ -53,7 +53,7 @@ def asked() -> argparse.Namespace:
         help="of gatjax run, explained (GAT after diagnosis), oracle",
     )
     parser.add_argument("--backend", default="auto", help="native, mjx or auto")
-    parser.add_argument("--impl", default="jax", help="of mjx: jax or warp")
+    parser.add_argument("--impl", default="auto", help="of mjx: jax, warp or auto")
     return parser.parse_args()
 
 

@@ -184,7 +184,8 @@ class Search:
     model: Literal["light", "full"] = "light"
     """light: without the joints that the walk never moves; full: with all of them."""
     backend: Literal["auto", "native", "mjx"] = "auto"
-    impl: Literal["jax", "warp"] = "jax"
+    impl: Literal["auto", "jax", "warp"] = "auto"
+    """Of mjx; auto: warp where it can run (NVIDIA, warp-lang), four times as fast."""
     listen: int | None = None
     """Port at which other hosts join, with gatjax work, before and while it runs."""
     hosts: int = 0
@@ -209,7 +210,8 @@ class Work:
     leader: str
     """HOST:PORT of the search."""
     backend: Literal["auto", "native", "mjx"] = "auto"
-    impl: Literal["jax", "warp"] = "jax"
+    impl: Literal["auto", "jax", "warp"] = "auto"
+    """Of mjx; auto: warp where it can run (NVIDIA, warp-lang), four times as fast."""
     patience: float = 300.0
     """Seconds to wait for a leader that is not there yet, or died."""
 

@@ -129,7 +129,12 @@ def resolved(settings: LoopSettings) -> LoopSettings:
             f"backend {settings.backend!r} is unknown; choose from {known}"
         )
     if settings.backend == "mjx":
-        from gatjax.sim.mjx import check_machine
+        from gatjax.sim.mjx import check_machine, lacking_for_warp
 
-        check_machine(settings.impl)
+        best = "jax" if lacking_for_warp() else "warp"
+        check_machine(best if settings.impl == "auto" else settings.impl)
+    else:
+        best = "jax"
+    if settings.impl == "auto":
+        settings = dataclasses.replace(settings, impl=best)
     return settings

@@ -42,7 +42,7 @@ def generation(
     space: search.Space,
     share: Share = unshared,
     say: Callable[[str], None] = print,
-    lift: Callable[[search.Generation], search.Generation] = lambda one: one,
+    trials: int | None = None,
 ) -> search.Generation:
     """Return one generation: a single compiled call on mjx, on one host.
 
@@ -54,14 +54,15 @@ def generation(
         space: that is searched.
         share: makes of what evaluates policies here what evaluates them on all hosts.
         say: shows a line to the user.
-        lift: of the generation before it is compiled, on mjx.
+        trials: on mjx, how many are stacked in the state and values that it is given.
     """
     wanted = settings.search
 
     def build(turns: int) -> search.Generation:
-        backend = prepare(world, settings.backend, settings.impl, turns)
+        backend = prepare(world, settings.backend, settings.impl, turns, trials or 1)
         if backend.compiled and share is unshared:
-            step = jax.jit(lift(search.generation(space, wanted, costs(backend))))
+            step = search.generation(space, wanted, costs(backend))
+            step = jax.jit(jax.vmap(step, in_axes=(0, 0, None)) if trials else step)
             devices = jax.local_devices()
             return lambda state, *rest: step(everywhere(state, devices), *rest)
         return search.host_generation(space, wanted, share(costs(backend)))
@@ -91,21 +92,9 @@ def together(
         worlds: of the trials, which differ in the values of their effects alone.
         space: of one of them; each state carries its own.
         say: shows a line to the user.
-
-    Raises:
-        ValueError: too many robots for one call of MJX-Warp.
     """
-    from gatjax.sim.mjx import WORLDS
-
-    robots = len(worlds) * settings.search.population * settings.search.rollouts
-    if settings.impl == "warp" and robots > WORLDS:
-        raise ValueError(
-            f"{len(worlds)} trials are {robots} robots, one call of MJX-Warp holds "
-            f"{WORLDS}; run fewer trials at a time"
-        )
     light = [searched(settings, world) for world in worlds]
-    step = generation(settings, light[0], space, say=say,
-                      lift=lambda one: jax.vmap(one, in_axes=(0, 0, None)))  # fmt: skip
+    step = generation(settings, light[0], space, say=say, trials=len(worlds))
 
     def run(due: list[int], states: list, number: int) -> list:
         state = jax.tree.map(lambda *leaves: jnp.stack(leaves), *states)

@@ -109,6 +109,8 @@ def _hold(spec: mujoco.MjSpec, held: Held) -> None:
     spec.compiler.inertiafromgeom = 0
     for joint, angle in held.angles.items():
         _weld(spec, joint, angle)
+    for seen in [*spec.cameras, *spec.lights]:  # MJX-Warp places them in every step
+        spec.delete(seen)
     spec.compiler.fusestatic = spec.compiler.discardvisual = 1
 
 

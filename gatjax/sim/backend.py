@@ -28,7 +28,11 @@ class Backend(NamedTuple):
 
 
 def prepare(
-    world: World, backend: str = "native", impl: str = "jax", turns: int = 1
+    world: World,
+    backend: str = "native",
+    impl: str = "jax",
+    turns: int = 1,
+    trials: int = 1,
 ) -> Backend:
     """Return a world's runs on a backend.
 
@@ -37,6 +41,7 @@ def prepare(
         backend: "native" (CPU threads) or "mjx" (one compiled call).
         impl: "jax" or "warp", for mjx.
         turns: in how many of them robots run on mjx; more take less memory.
+        trials: that the caller vmaps the compiled function over.
     """
     if backend == "native":
         from gatjax.sim.native import Native
@@ -46,12 +51,23 @@ def prepare(
     if backend == "mjx":
         from gatjax.sim import mjx
 
-        outcome = jax.vmap(mjx.outcome(world, impl), in_axes=(None, 0, 0))
-        outcome = in_turns(outcome, turns)
+        mjx.check(world, impl)
+
+        def batched(one: Callable[..., Any]) -> Callable[..., Any]:
+            def many(values: Any, *each: Array) -> Any:
+                robots = trials * each[0].shape[0]
+                axes = (None, *(0 for _ in each))
+                return jax.vmap(one(world, impl, robots), in_axes=axes)(values, *each)
+
+            return many
+
+        outcome = in_turns(batched(mjx.outcome), turns)
         if len(jax.local_devices()) > 1:
+            if impl == "warp":  # Shardy crashes on its calls (segfault, jax 0.11.2)
+                jax.config.update("jax_use_shardy_partitioner", False)
             outcome = over_devices(outcome, jax.local_devices())
-        rollout = jax.jit(jax.vmap(mjx.rollout(world, impl), in_axes=(None, 0, 0)))
-        replay = jax.jit(jax.vmap(mjx.replay(world, impl), in_axes=(None, 0, 0, 0, 0)))
+        rollout = jax.jit(batched(mjx.rollout))
+        replay = jax.jit(batched(mjx.replay))
         return Backend(jax.jit(outcome), rollout, replay, True)
     raise ValueError(f"backend {backend!r} is unknown; choose from {list(BACKENDS)}")
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import mujoco
 import numpy as np
 from mujoco import mjx
 
@@ -27,8 +28,8 @@ from gatjax.sim.world import Values, World, dropped_by_mjx, fields_applied
 Array = Any
 Step = Callable[[Any, Any], Any]
 TRACE = 1e-9  # N m, least dry friction of a world with friction; see `_with_fields`
-CONTACTS, ROWS = 9, 96  # MJX-Warp buffers a world: 8 sole contacts, constraint rows
-WORLDS = 32_768  # most worlds of one MJX-Warp call; its contact buffer is one for all
+CONTACTS = 9  # of a robot in MJX-Warp's buffer: a walking NAO has at most 8
+EQUALITY_ROWS = {0: 3, 1: 6}  # of MuJoCo's connect and weld; others have one
 
 
 def check(world: World, impl: str) -> None:
@@ -43,28 +44,60 @@ def check_machine(impl: str) -> None:
     """Raise if this machine can't run an implementation of MJX."""
     if impl not in ("jax", "warp"):
         raise ValueError(f"impl {impl!r} is unknown; choose from ['jax', 'warp']")
-    apart = mismatch()
-    if apart is not None:
-        raise ValueError(apart)
-    if impl == "warp":
-        if importlib.util.find_spec("warp") is None:
-            raise ValueError("impl 'warp' needs warp-lang; pip install 'gatjax[warp]'")
-        if jax.default_backend() != "gpu":
-            raise ValueError("impl 'warp' needs an NVIDIA GPU; use --impl jax")
+    lacking = mismatch() or (lacking_for_warp() if impl == "warp" else None)
+    if lacking is not None:
+        raise ValueError(lacking)
 
 
-def bare_data(world: World, impl: str) -> tuple[Any, Any]:
-    """Return MJX's model and data of a world with its field changes."""
+def lacking_for_warp() -> str | None:
+    """What this machine lacks to run MJX-Warp, in a line; None if nothing."""
+    if importlib.util.find_spec("warp") is None:
+        return "impl 'warp' needs warp-lang; pip install 'gatjax[warp]'"
+    if "NVIDIA" not in jax.devices()[0].device_kind:
+        return "impl 'warp' needs an NVIDIA GPU; use --impl jax"
+    return None
+
+
+def bare_data(world: World, impl: str, robots: int = 1) -> tuple[Any, Any]:
+    """Return MJX's model and data of a world with its field changes.
+
+    Args:
+        world: what to simulate.
+        impl: "jax" or "warp".
+        robots: in one call; MJX-Warp's contacts lie in one buffer for all of them, and
+            each step takes the time of its size.
+    """
     check(world, impl)
     model = fields_applied(world)
     if _rubs(world):  # a row for each joint, at any value
         dofs = find_slots(model).velocity
         model.dof_frictionloss[dofs] = np.maximum(model.dof_frictionloss[dofs], TRACE)
+    put = mjx.put_model(model, impl=impl)
     if impl == "warp":
-        return mjx.put_model(model, impl=impl), mjx.make_data(
-            model, impl=impl, naconmax=CONTACTS * WORLDS, njmax=ROWS
-        )
-    return mjx.put_model(model, impl=impl), mjx.make_data(model, impl=impl)
+        room = {"naconmax": CONTACTS * robots, "njmax": most_rows(model)}
+        return _calm(put), mjx.make_data(model, impl=impl, **room)
+    return put, mjx.make_data(model, impl=impl)
+
+
+def most_rows(model: mujoco.MjModel) -> int:
+    """Most constraints of a robot: equalities, friction, limits and contacts."""
+    held = sum(EQUALITY_ROWS.get(int(kind), 1) for kind in model.eq_type)
+    rubbing = int((model.dof_frictionloss > 0).sum())
+    sliding = int(model.geom_condim.max(initial=1)) - 1
+    touching = CONTACTS * max(1, 2 * sliding)
+    return held + rubbing + int(model.jnt_limited.sum()) + touching
+
+
+def _calm(model: Any) -> Any:
+    """Return MJX-Warp's model, which prints no line for each robot and step whose
+    solver used up its iterations: they are few on purpose.
+    """
+    from mujoco.mjx.third_party.mujoco_warp import OverflowType
+
+    own = model.opt._impl
+    silent = OverflowType.ITERATIONS | OverflowType.LS_ITERATIONS
+    own = own.replace(warn_overflow=int(own.warn_overflow) & ~int(silent))
+    return model.replace(opt=model.opt.replace(_impl=own))
 
 
 def _rubs(world: World) -> bool:
@@ -99,7 +132,7 @@ def _substeps(
     where = find_slots(world.model)
 
     def advance(data: Any, state: State, target: Array) -> tuple[Any, State]:
-        def step(carry: tuple, _: None) -> tuple:
+        def step(carry: tuple, model: Any) -> tuple:
             data, state = carry
             angle, velocity = data.qpos[where.position], data.qvel[where.velocity]
             signal = Signal(target, angle, velocity, jnp.zeros_like(target))
@@ -117,23 +150,46 @@ def _substeps(
                 now = now.tree_replace({"dof_armature": heavy})
             with jax.numpy_rank_promotion("allow"):  # MJX promotes ranks itself
                 data = physics(now, data)
-            return (data, state), None
+            return data, state
 
-        return jax.lax.scan(step, (data, state), None, length=world.substeps)[0]
+        if model.impl is not mjx.Impl.WARP:
+            return jax.lax.fori_loop(
+                0, world.substeps, lambda _, carry: step(carry, model), (data, state)
+            )
+        # A step of Warp is one call to XLA: no loop, and sensors are read once a tick.
+        carry = data, state
+        for _ in range(world.substeps - 1):
+            carry = step(carry, _unsensed(model))
+        return step(carry, model)
 
     return advance
 
 
-def engine(world: World, impl: str = "jax", physics: Step = mjx.step) -> Engine:
-    """Return the physics of a world.
+def _given(model: Any) -> Any:
+    """Return MJX's model as a compiled program should have it (call it in one).
 
-    Args:
-        world: what to simulate.
-        impl: "jax" or "warp".
-        physics: (model, data) -> data one step later.
+    Each call of Warp is given the whole model. XLA would make constants anew for each
+    of them, one kernel an array: half as many kernels as Warp's own.
     """
-    base_model, base_data = bare_data(world, impl)
-    where = find_slots(world.model)
+    if model.impl is mjx.Impl.WARP:
+        return jax.lax.optimization_barrier(model)
+    return model
+
+
+def _unsensed(model: Any) -> Any:
+    """Return MJX's model with its sensors off: a sixth of Warp's kernels."""
+    off = model.opt.disableflags | mjx.DisableBit.SENSOR
+    return model.replace(opt=model.opt.replace(disableflags=off))
+
+
+def engine(world: World) -> Engine:
+    """Return MJX-JAX's physics of a world."""
+    return _engine(world, bare_data(world, "jax"), mjx.step)
+
+
+def _engine(world: World, bare: tuple[Any, Any], physics: Step) -> Engine:
+    """Return the physics of a world whose model and data MJX has."""
+    (base_model, base_data), where = bare, find_slots(world.model)
 
     def begin(qpos: Array, qvel: Array) -> Any:
         return base_data.replace(
@@ -151,11 +207,14 @@ def engine(world: World, impl: str = "jax", physics: Step = mjx.step) -> Engine:
     return Engine(begin, see, advance)
 
 
-def _run(world: World, impl: str, keep: Callable, physics: Step = mjx.step) -> Callable:
-    track = course(world, engine(world, impl, physics))
+def _run(
+    world: World, impl: str, robots: int, keep: Callable, physics: Step = mjx.step
+) -> Callable:
+    model, data = bare_data(world, impl, robots)
 
     def run(values: Values, policy: Array, key: Array) -> tuple[Any, episode.Loop]:
         values, policy = _float(values), _float(policy)
+        track = course(world, _engine(world, (_given(model), data), physics))
 
         def tick(place: Place, _: None) -> tuple:
             place, signal, row = track.look(values, policy, place)
@@ -169,16 +228,17 @@ def _run(world: World, impl: str, keep: Callable, physics: Step = mjx.step) -> C
 
 
 def outcome(
-    world: World, impl: str = "jax", physics: Step = mjx.step
+    world: World, impl: str = "jax", robots: int = 1, physics: Step = mjx.step
 ) -> Callable[..., Outcome]:
     """Return (values, policy [15], key) -> Outcome of one closed-loop run.
 
     Args:
         world: what to simulate.
         impl: "jax" or "warp".
+        robots: that the caller vmaps it over.
         physics: (model, data) -> data one step later.
     """
-    run = _run(world, impl, lambda row: None, physics)
+    run = _run(world, impl, robots, lambda row: None, physics)
 
     def one(values: Values, policy: Array, key: Array) -> Outcome:
         return episode.verdict(world, run(values, policy, key)[1])
@@ -187,10 +247,13 @@ def outcome(
 
 
 def rollout(
-    world: World, impl: str = "jax"
+    world: World, impl: str = "jax", robots: int = 1
 ) -> Callable[..., tuple[Trajectory, Outcome]]:
-    """Return (values, policy [15], key) -> (Trajectory [T], Outcome), closed loop."""
-    run = _run(world, impl, keep=lambda row: row)
+    """Return (values, policy [15], key) -> (Trajectory [T], Outcome), closed loop.
+
+    Arguments are those of `outcome`.
+    """
+    run = _run(world, impl, robots, keep=lambda row: row)
 
     def one(values: Values, policy: Array, key: Array) -> tuple[Trajectory, Outcome]:
         rows, loop = run(values, policy, key)
@@ -199,8 +262,8 @@ def rollout(
     return one
 
 
-def replay(world: World, impl: str = "jax") -> Callable[..., Array]:
-    """Return the open-loop replay of recorded commands.
+def replay(world: World, impl: str = "jax", robots: int = 1) -> Callable[..., Array]:
+    """Return the open-loop replay of recorded commands; arguments as of `outcome`.
 
     The function takes (values, command [T, J] rad, angle [W, J] rad, qpos [nq],
     qvel [nv]): the first W commands only warm up the effects, which see the recorded
@@ -209,7 +272,7 @@ def replay(world: World, impl: str = "jax") -> Callable[..., Array]:
     encoders report them: after the sensor effects, without noise, drift counted from
     the first command.
     """
-    base_model, base_data = bare_data(world, impl)
+    base_model, base_data = bare_data(world, impl, robots)
     where = find_slots(world.model)
     servos = actuation(world)
     command, _, sensor = world.chains()

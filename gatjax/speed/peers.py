@@ -42,18 +42,18 @@ def bare_native(walk: Walk) -> Callable[[], None]:
 
 def bare_mjx(walk: Walk, impl: str) -> Callable[[], Any]:
     """Return a bare MJX loop over the recorded commands: one compiled call."""
-    model, data = bare_data(walk.world, impl)
+    model, data = bare_data(walk.world, impl, len(walk.qpos))
 
-    def one(qpos: Array, qvel: Array, commands: Array) -> Array:
+    def one(model: Any, qpos: Array, qvel: Array, commands: Array) -> Array:
         def tick(carry: Any, command: Array) -> tuple[Any, None]:
             return _ticked(model, carry, command, walk.world.substeps), None
 
         begun = data.replace(qpos=qpos, qvel=qvel)
         return jax.lax.scan(tick, begun, commands)[0].qpos
 
-    many = jax.jit(jax.vmap(one, in_axes=(0, 0, 1)))
+    many = jax.jit(jax.vmap(one, in_axes=(None, 0, 0, 1)))
     given = [jnp.asarray(part, float) for part in (walk.qpos, walk.qvel, walk.command)]
-    return lambda: many(*given)
+    return lambda: many(model, *given)
 
 
 class EnvState(NamedTuple):

@@ -18,6 +18,7 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
+from gatjax import processors
 from gatjax import task as tasks
 from gatjax.motions import Limbs, standing_nao
 from gatjax.records import JOINTS, Base, Outcome, Reading, Trajectory
@@ -39,7 +40,7 @@ from gatjax.task import Task
 
 STEP = 0.0005  # s, physics
 SERVO_STEPS = 2  # physics steps in a servo period of 1 ms
-THREADS = 2
+THREADS = len(processors.usable())
 BATTERY = 21.6  # V, nominal; only its products with the motor constants matter [S6]
 LINE = "command."  # prefix of the delay lines
 FLOOR_BASE = 0.1  # m, thickness of the floor under its lowest point

@@ -15,7 +15,7 @@ from gatjax.records import JOINTS
 from gatjax.walk.legs import ANKLE_HEIGHT, Legs, solve
 from gatjax.walk.parameters import Constants, Gait, unpack
 from gatjax.walk.steps import SLACK, Request, bump, plan, smooth
-from gatjax.xp import namespace_of
+from gatjax.xp import namespace_of, settled
 
 Array = Any
 
@@ -301,6 +301,7 @@ def _joints(constants: Constants, state: GaitState) -> Array:
             for name, angle in fields
         }
 
+    legs = settled(legs)
     named = {**leg(0), **leg(1)}
     named["LHipYawPitch"] = -state.toes
     named["LShoulderPitch"], named["RShoulderPitch"] = arms[..., 0], arms[..., 1]

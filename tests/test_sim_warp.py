@@ -1,0 +1,92 @@
+"""MJX-Warp: what it is given, and that it walks as MuJoCo C does.
+
+Warp runs on CPUs, too, slowly: no GPU is needed for the latter, `gatjax[warp]` is.
+"""
+
+import importlib.util
+from types import SimpleNamespace
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+
+from gatjax import loop
+from gatjax.settings import LoopSettings
+from gatjax.sim import mjx
+from gatjax.sim.backend import prepare
+from gatjax.sim.lighter import lighter
+from gatjax.sim.world import add_causes, nominal
+from gatjax.task import Task
+from gatjax.walk import gait
+from gatjax.walk.parameters import THETA0
+
+TASK = Task(settle=0.1, longest_delay=0.1, duration=0.9)
+CAUSES = (
+    ("command_delay", ["all"], {"delay": 0.02}),
+    ("torque_limit", ["LKneePitch"], {"limit": 3.0}),
+    ("backlash", ["LHipPitch", "RHipPitch"], {"width": 0.02}),
+    ("load_friction", ["all"], {"coefficient": 0.05}),
+    ("ground_friction", ["all"], {"mu": 0.6}),
+)
+
+
+@pytest.mark.skipif(
+    importlib.util.find_spec("warp") is None,
+    reason="warp-lang is not installed (150 MB): pip install 'gatjax[warp]'",
+)
+@pytest.mark.parametrize("causes", [(), CAUSES])
+def test_warp_walks_as_mujoco_c_does(causes, monkeypatch):
+    monkeypatch.setattr(mjx, "check_machine", lambda impl: None)
+    world = lighter(add_causes(nominal(TASK), causes))
+    policies = np.tile(THETA0, (3, 1))
+    policies[1, 6] *= 0.7
+    keys = jax.random.split(jax.random.key(3), 3)
+    with jax.enable_x64(False):  # Warp knows no other; draws of float64 are others
+        ours = prepare(world).outcome(world.values, policies, keys)
+        theirs = prepare(world, "mjx", "warp").outcome(world.values, policies, keys)
+    assert (np.abs(ours.velocity) > 0.03).all()  # they walk
+    np.testing.assert_array_equal(np.isinf(theirs.fell_at), np.isinf(ours.fell_at))
+    np.testing.assert_allclose(theirs.cost, ours.cost, rtol=0, atol=3e-4)
+
+
+@pytest.mark.parametrize("light", [False, True])
+def test_there_is_room_for_all_constraints(light):
+    world = lighter(nominal()) if light else nominal()
+    model, data = world.model, mujoco.MjData(world.model)
+    draw, seen = np.random.default_rng(0), []
+    for _ in range(300):  # thrown down, feet first or not, with joints at their ends
+        mujoco.mj_resetData(model, data)
+        data.qpos[2] = draw.uniform(0.2, 0.3)
+        data.qpos[7:] = draw.uniform(-2.0, 2.0, model.nq - 7)
+        mujoco.mj_forward(model, data)
+        assert data.ncon <= mjx.CONTACTS
+        seen.append(data.nefc)
+    data.qpos[:], data.qpos[3] = 0.0, 1.0
+    data.qpos[2] = 0.32
+    mujoco.mj_forward(model, data)
+    assert data.ncon == 8  # all corners of both soles
+    assert max([*seen, data.nefc]) <= mjx.most_rows(model)
+    assert mjx.most_rows(model) < 100
+
+
+def test_auto_takes_warp_where_it_can_run(monkeypatch):
+    asked = LoopSettings(backend="mjx")
+    assert loop.resolved(asked).impl == "jax"
+    board = SimpleNamespace(device_kind="NVIDIA H200")
+    monkeypatch.setattr(jax, "devices", lambda: [board])
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: name == "warp")
+    assert loop.resolved(asked).impl == "warp"
+    assert loop.resolved(LoopSettings(backend="native")).impl == "jax"
+    board.device_kind = "AMD Instinct MI300X"
+    assert loop.resolved(asked).impl == "jax"
+
+
+def test_the_legs_are_solved_once_not_once_for_every_joint():
+    """Else XLA takes five minutes to compile the walk for a GPU, which is not here."""
+    text = str(jax.make_jaxpr(gait.pose)(jnp.asarray(THETA0)))
+    assert text.count("optimization_barrier") == 1
+    np.testing.assert_allclose(
+        gait.pose(THETA0), jax.jit(gait.pose)(jnp.asarray(THETA0)), atol=1e-6
+    )
