@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
 # Pack what gatjax needs and a GPU machine without a network lacks, as folders of one part
-# each: .whl/0, .whl/1, ... JAX with its CUDA plugins and numpy are to be there already.
-# Then carry the folders one call after the other, and run benchmarks/gpu.sh in each call:
-# the last one measures.
+# each: .whl/0, .whl/1, ... There are to be JAX with its CUDA plugins, numpy, scipy,
+# matplotlib, flax, optax, orbax-checkpoint, pyarrow, rich and PyYAML already (MORE: names
+# of packages to take along besides). Then carry the folders one call after the other, and
+# run benchmarks/gpu.sh in each call: the last one measures.
 #
 #   benchmarks/gpu_pack.sh           native, mjx-jax
 #   benchmarks/gpu_pack.sh warp      and mjx-warp (warp-lang is large)
@@ -10,12 +11,8 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 packages=(
-    absl-py aiofiles contourpy cycler docstring_parser dotmap etils evosax flax fonttools
-    fsspec glfw humanize kiwisolver markdown-it-py matplotlib mdurl msgpack mujoco
-    mujoco-core mujoco-mjx mujoco-studio optax orbax-checkpoint packaging pillow
-    prometheus_client protobuf psutil pyarrow Pygments PyOpenGL pyparsing python-dateutil
-    PyYAML rich scipy simplejson six tensorstore treescope trimesh typeguard
-    typing_extensions tyro uvloop 
+    docstring_parser dotmap evosax glfw mujoco mujoco-core mujoco-mjx trimesh typeguard tyro
+    ${MORE:-}
 )
 [ "${1:-}" = warp ] && packages+=(warp-lang)
 
@@ -33,8 +30,10 @@ trap 'rm -rf "$work"' EXIT
     --implementation cp --python-version 3.12 "${platforms[@]}" \
     --constraint constraints.txt --target "$work/site" "${packages[@]}"
 # Warp compiles for the CPU with it, and nothing here runs Warp on the CPU.
-rm -rf "$work"/site/warp/bin/warp-clang.so "$work"/site/warp/examples
-tar -C "$work/site" -c . | xz -T0 -3 | split -b 55M -d -a 1 - "$work/part."
+rm -rf "$work"/site/warp/bin/warp-clang.so "$work"/site/warp/{examples,tests}
+rm -rf "$work"/site/mujoco/{doc,studio}
+tar -C "$work/site" -c . | xz --x86 --lzma2=preset=6,dict=256MiB |
+    split -b 50M -d -a 1 - "$work/part."
 count=$(find "$work" -name 'part.*' | wc -l)
 for part in "$work"/part.*; do
     folder=.whl/${part##*.}
