@@ -128,13 +128,19 @@ def resolved(settings: LoopSettings) -> LoopSettings:
         raise ValueError(
             f"backend {settings.backend!r} is unknown; choose from {known}"
         )
-    if settings.backend == "mjx":
-        from gatjax.sim.mjx import check_machine, lacking_for_warp
-
-        best = "jax" if lacking_for_warp() else "warp"
-        check_machine(best if settings.impl == "auto" else settings.impl)
-    else:
-        best = "jax"
     if settings.impl == "auto":
-        settings = dataclasses.replace(settings, impl=best)
+        settings = dataclasses.replace(settings, impl=_best_impl(settings.backend))
+    if settings.backend == "mjx":
+        from gatjax.sim.mjx import check_machine
+
+        check_machine(settings.impl)
     return settings
+
+
+def _best_impl(backend: str) -> str:
+    """What --impl auto means on this machine; on native it means nothing."""
+    if backend != "mjx":
+        return "jax"
+    from gatjax.sim.mjx import lacking_for_warp
+
+    return "jax" if lacking_for_warp() else "warp"
