@@ -20,7 +20,7 @@ from gatjax.sim.world import (
     fields_applied,
     nominal,
 )
-from gatjax.task import Task, begin, pose
+from gatjax.task import Task, begin, pose, task_at
 from gatjax.walk.parameters import HIGH, LOW, STEP, THETA0
 
 BENT = """
@@ -70,6 +70,28 @@ def test_what_is_held_still_weighs():
         mujoco.mj_forward(world.model, data)
         found.append([*data.subtree_com[0], world.model.body_mass.sum()])
     np.testing.assert_allclose(found[1], found[0], atol=1e-9)
+
+
+TO_MOTOR = ("command_delay", ["all"], {"delay": 0.01})
+IN_GEAR = ("backlash", ["LKneePitch"], {"width": 0.01})
+TO_BODY = ("gravity_tilt", ["all"], {"pitch": 0.1})
+
+
+@pytest.mark.parametrize(
+    ("world", "step"),
+    [
+        (nominal(), 0.005),
+        (nominal(task_at(100.0)), 0.005),
+        (nominal(task_at(83.3)), 0.004),
+        (nominal(timestep=0.002), 0.002),
+        (nominal(source="nao_hung"), 0.004),
+        (add_causes(nominal(), [TO_BODY]), 0.005),
+        (add_causes(nominal(), [TO_MOTOR]), 0.004),
+        (add_causes(nominal(), [IN_GEAR]), 0.004),
+    ],
+)
+def test_steps_are_longer_where_nothing_acts_once_a_step(world, step):
+    assert lighter(world).model.opt.timestep == pytest.approx(step, rel=1e-3)
 
 
 def walked(world, policies, keys):

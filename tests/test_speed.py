@@ -9,9 +9,10 @@ from gatjax import speed
 from gatjax.cli import main
 from gatjax.runs import read_json
 from gatjax.sim.native import Native
+from gatjax.sim.world import nominal
 from gatjax.speed import bench, peers
 from gatjax.speed.stages import Held, hung
-from gatjax.speed.worlds import recorded, world_of
+from gatjax.speed.worlds import recorded, stepped_as, world_of
 from gatjax.task import Task
 
 SHORT = Task(duration=0.2, settle=0.1, longest_delay=0.0)
@@ -28,6 +29,12 @@ def test_all_worlds_walk_alike(walk):
         world = world_of(kind, SHORT)
         told = Native(world).rollout(world.values, *given)[0].command
         np.testing.assert_allclose(np.swapaxes(told, 0, 1), walk.command, atol=1e-3)
+
+
+def test_the_same_walk_in_other_steps(walk):
+    finer = stepped_as(walk, nominal(timestep=0.002))
+    assert (finer.world.substeps, walk.world.substeps) == (10, 5)
+    assert finer.command is walk.command
 
 
 def test_the_grounded_world_computes_its_networks():
@@ -103,15 +110,14 @@ def test_the_table_says_where_the_time_goes(tmp_path):
 
 def test_the_verb_measures_and_writes(tmp_path, capsys):
     out = tmp_path / "new" / "bench.json"
-    size = ["--worlds", "4", "--seconds", "0.1", "--kinds", "plain", "--models", "full"]
-    assert main(["bench", *size, "--json", str(out)]) == 0
+    size = ["--worlds", "4", "--seconds", "0.1", "--kinds", "plain"]
+    assert main(["bench", *size, "--models", "full", "light", "--json", str(out)]) == 0
     assert "native       plain" in capsys.readouterr().out
     found = read_json(out)
     assert found["schema"] == "gatjax.bench/2"
     assert found["machine"]["cores"] >= 1 and found["machine"]["versions"]["jax"]
-    (only,) = found["rows"]
-    assert sum(only["stages_s"].values()) == pytest.approx(only["generation_s"])
-    assert only["closed_over_bare"] == pytest.approx(
-        only["bare_steps_per_s"] / only["closed_steps_per_s"]
-    )
+    for only, steps in zip(found["rows"], (5, 4), strict=True):
+        assert sum(only["stages_s"].values()) == pytest.approx(only["generation_s"])
+        bare, closed = only["bare_steps_per_s"] / 5, only["closed_steps_per_s"] / steps
+        assert only["closed_over_bare"] == pytest.approx(bare / closed)
     assert out.with_suffix(".png").is_file()

@@ -6,8 +6,9 @@
 the walk never moves (light), on the whole one with policies that differ by a millionth
 of a search step (nudged: what a walk's chaos alone does), and on the whole one with
 other starts and noise (fresh: how far a generation's costs say anything). Once in the
-plain simulator, once where two of five walks fall. It writes DIR/results.json and
-DIR/lighter.png, and compares with expected.json.
+plain simulator, once where two of five walks fall, once where GAT grounds it with walks
+of a stand-in robot. It writes DIR/results.json and DIR/lighter.png, and compares with
+expected.json.
 """
 
 from __future__ import annotations
@@ -21,20 +22,27 @@ import jax
 import numpy as np
 from matplotlib.figure import Figure
 
+from gatjax import loop
 from gatjax.benchmark.expected import compare
+from gatjax.data.trajectories import to_recording
+from gatjax.grounding.learn import grounded
 from gatjax.ranking import policy_costs
 from gatjax.records import Outcome
 from gatjax.runs import write_json
+from gatjax.settings import ROBOT_LOG, SIMULATOR_LOG, seeds
 from gatjax.sim.backend import pairs
 from gatjax.sim.lighter import lighter
 from gatjax.sim.native import Native
 from gatjax.sim.world import World, add_causes, nominal
+from gatjax.surrogate import make_robot
 from gatjax.walk.parameters import HIGH, LOW, STEP, THETA0
 
 POLICIES, ROLLOUTS = 150, 20
 SEED = 20261
 SPREAD = 1.0  # search steps: a search begins with 0.5 and may go to 1.5
 NUDGE = 1e-6  # search steps
+LOGS = 30  # walks of robot and simulator that GAT learns from
+ROBOT = "stiff"
 BEST = 15  # policies: those that a search learns most from
 ROUGH = (
     ("command_noise", ["all"], {"deviation": 0.03}),
@@ -56,6 +64,18 @@ def walked(world: World, policies: np.ndarray, seed: int = SEED) -> Case:
     begun = time.perf_counter()
     outcome = pairs(native.outcome, world.values, policies, keys)
     return Case(outcome, time.perf_counter() - begun)
+
+
+def with_gat(world: World) -> World:
+    """Ground a world with walks of a stand-in robot."""
+
+    def log(robot: Any, slot: int) -> Any:
+        drawn = seeds(slot, 0, LOGS)
+        walk, _ = robot.walk(np.tile(THETA0, (LOGS, 1)), drawn, world.task)
+        return to_recording(walk, robot.name, world.rate_hz, {})
+
+    seen = log(make_robot(ROBOT), ROBOT_LOG), log(loop.Simulator(world), SIMULATOR_LOG)
+    return grounded(world, loop.learn_grounding(world, "gat", *seen, SEED))
 
 
 def compared(one: Case, other: Case) -> dict[str, Any]:
@@ -105,7 +125,8 @@ def main() -> None:
     nudged = np.clip(policies + NUDGE * STEP * steps[1], LOW, HIGH)
     results, cases = {}, {}
     for name, world in {
-        "plain": nominal(), "rough": add_causes(nominal(), ROUGH)
+        "plain": nominal(), "rough": add_causes(nominal(), ROUGH),
+        "grounded": with_gat(nominal()),
     }.items():  # fmt: skip
         print(f"{name}: 4 x {POLICIES * ROLLOUTS} walks", flush=True)
         full = walked(world, policies)

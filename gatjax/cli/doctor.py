@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.metadata
-import importlib.util
 import os
 import platform
 from collections.abc import Iterator
@@ -33,13 +32,20 @@ def examine() -> Iterator[tuple[str, str]]:
             yield package, "missing; pip install gatjax again"
     yield "versions", mismatch() or "go together"
     yield "devices", ", ".join(str(device) for device in jax.devices())
-    warp = importlib.util.find_spec("warp") is not None
-    hint = "present" if warp else "absent (pip install 'gatjax[warp]' on NVIDIA)"
-    yield "warp", hint
+    yield "MJX-Warp", _warp()
     yield "backend", f"{default_backend()} (what --backend auto means here)"
     task = Task(duration=1.0)
     for name in ("simulator", *ROBOTS):
         yield name, _walk(name, task)
+
+
+def _warp() -> str:
+    try:
+        from gatjax.sim.mjx import lacking_for_warp
+    except ImportError as error:
+        return f"broken: {' '.join(str(error).split())}"
+    lacking = lacking_for_warp()
+    return lacking or "can run (what --impl auto means here)"
 
 
 def _walk(name: str, task: Task) -> str:

@@ -21,7 +21,7 @@ from gatjax.settings import LoopSettings, SearchSettings
 from gatjax.sim.lighter import lighter
 from gatjax.sim.world import World
 from gatjax.speed import machine, peers, stages
-from gatjax.speed.worlds import Walk, recorded, world_of
+from gatjax.speed.worlds import Walk, recorded, stepped_as, world_of
 from gatjax.task import Task
 from gatjax.walk.parameters import HIGH, LOW, STEP, THETA0
 
@@ -116,19 +116,18 @@ def _row(backend: str, world: World, whole: Walk, own: Walk) -> dict[str, Any]:
         "search": stages.search_alone(*shared(count)),
     }
     if own is not whole:
-        calls["physics"] = bare(engine, impl, own)
+        calls["physics"] = bare(engine, impl, stepped_as(own, world))
     first = {name: timed(call) for name, call in calls.items()}
     before = machine.joules()
     best = raced(calls)
     after = machine.joules()
     closed = best["closed"]
-    ticks = world.task.ticks - (engine == "native")
-    steps = count * ticks * world.substeps
+    ticks = count * (world.task.ticks - (engine == "native"))
     parts = {"physics": best.get("physics", best["bare"])}
     parts |= {name: best[name] for name in ("control", "search")}
     return _facts(engine, own) | {
-        "closed_steps_per_s": steps / closed,
-        "bare_steps_per_s": steps / best["bare"],
+        "closed_steps_per_s": ticks * world.substeps / closed,
+        "bare_steps_per_s": ticks * whole.world.substeps / best["bare"],
         "closed_over_bare": closed / best["bare"],
         "rollouts_per_s": count / closed,
         "generation_s": closed,

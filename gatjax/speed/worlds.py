@@ -6,10 +6,12 @@ effects are too small to be felt, but all of their arithmetic is done.
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import mujoco
 import numpy as np
 
 from gatjax.grounding.gat import GAT, Gat, gat_effect
@@ -68,6 +70,13 @@ class Walk(NamedTuple):
     qpos: np.ndarray  # [B, nq] at the start
     qvel: np.ndarray  # [B, nv]
     command: np.ndarray  # [T, B, K] rad, of the model's joints
+
+
+def stepped_as(walk: Walk, world: World) -> Walk:
+    """Return a walk with physics steps as long as those of a world."""
+    model = mujoco.MjModel.__copy__(walk.world.model)
+    model.opt.timestep = world.model.opt.timestep
+    return walk._replace(world=dataclasses.replace(walk.world, model=model))
 
 
 def recorded(world: World, worlds: int) -> Walk:
