@@ -73,8 +73,8 @@ class LoopSettings:
     seed: int = 0
     """Seed of everything random."""
     model: str = "light"
-    """Search on a robot without the joints that the walk never moves (light), or with
-    all of them (full); candidates are measured with all of them."""
+    """Search on a robot without the joints that the walk never moves and with longer
+    physics steps (light), or on the whole one (full), which candidates walk on."""
     backend: str = "auto"
     """Search on: native (CPU threads), mjx (one compiled call), auto."""
     impl: str = "auto"
