@@ -67,5 +67,14 @@ def test_mjx_refuses_them_and_doctor_says_so(monkeypatch):
     assert ("versions", words) in _first(doctor.examine(), 9)
 
 
+@pytest.mark.parametrize(
+    ("lacks", "said"), [("no GPU", "no GPU"), (None, "can run (what --impl auto means")]
+)
+def test_doctor_says_what_warp_lacks(monkeypatch, lacks, said):
+    monkeypatch.setattr(mjx, "lacking_for_warp", lambda: lacks)
+    found = dict(_first(doctor.examine(), 12))
+    assert found["MJX-Warp"].startswith(said)
+
+
 def _first(findings, count):
     return [finding for finding, _ in zip(findings, range(count), strict=False)]
