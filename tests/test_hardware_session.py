@@ -1,6 +1,7 @@
 """A robot under guard before and after its walks, and who holds the process."""
 
 import os
+import select
 import signal
 
 import hardware_runs as runs
@@ -272,3 +273,12 @@ def test_trying_a_mind_changes_nothing_that_it_says():
         said.append([mind.ask(reading, True, 5.0) for reading in readings])
         mind.close()
     np.testing.assert_array_equal(*said)
+
+
+def test_a_mind_whose_answer_nobody_reads_ends_without_a_word(capfd):
+    mind = started(runs.TASK, THETA0)
+    assert mind.ask(Reading(*map(np.zeros, (25, 3, 3, 8))), True, 0.0) is None
+    assert select.select([mind.socket], [], [], 5.0)[0]
+    mind.socket.close()
+    mind.process.wait(5.0)
+    assert capfd.readouterr().err == ""
