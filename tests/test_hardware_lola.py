@@ -457,3 +457,12 @@ def test_a_kill_loses_less_than_the_last_second(nao, tmp_path):
     recording = read_recording(path)
     check_recording(recording, JOINTS)
     assert killed - recording.columns["received"][-1] < 1.0
+
+
+def test_a_second_nao_does_not_take_the_socket_of_the_first(tmp_path):
+    first = Server(tmp_path / "s", lockstep=False)
+    with pytest.raises(OSError, match="a NAO is there already"):
+        Server(tmp_path / "s", lockstep=False)
+    first.socket.close()  # killed: its socket stays behind
+    first.tracker.close()
+    Server(tmp_path / "s", lockstep=False).close()

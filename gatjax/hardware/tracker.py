@@ -39,7 +39,10 @@ class Tracker:
             self.socket.bind((host or HERE, int(port)))
         except (OSError, OverflowError) as error:
             self.socket.close()
-            raise OSError(f"tracker {address}: cannot listen ({error})") from error
+            raise OSError(
+                f"tracker {address}: cannot listen ({error}); does another program "
+                f"walk this robot?"
+            ) from error
         self.socket.setblocking(False)
         self._latest: Base | None = None
         self._told = 0.0  # s, this computer's clock

@@ -32,6 +32,19 @@ class Answer(NamedTuple):
     at: float  # s, this computer's clock
 
 
+def _served(path: Path) -> bool:
+    """Whether somebody listens at a socket."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as tried:
+        tried.setblocking(False)
+        try:
+            tried.connect(str(path))
+        except BlockingIOError:  # too many wait there already
+            return True
+        except OSError:
+            return False
+    return True
+
+
 class Server:
     """LoLA's side of the socket."""
 
@@ -43,6 +56,8 @@ class Server:
         """
         if path.exists() and not path.is_socket():
             raise OSError(f"{path}: is a file; choose another place for the socket")
+        if path.exists() and _served(path):
+            raise OSError(f"{path}: a NAO is there already; end it, or use another one")
         path.unlink(missing_ok=True)
         self.path, self.lockstep = path, lockstep
         self.answers: deque[float] = deque(maxlen=KEPT)
