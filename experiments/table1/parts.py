@@ -20,10 +20,9 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from run import METHODS, keep
+from run import METHODS, tell
 
 from gatjax import loop
-from gatjax.benchmark.transfer import document, read_trials, trial_of
 from gatjax.benchmark.trials import opened
 from gatjax.cli.progress import shown
 from gatjax.grounding.learn import grounded, read_grounding
@@ -141,15 +140,11 @@ def main() -> None:
         settings = settings_of(told, bar)
         PARTS[told.part](settings)
     if told.part == "walk":
-        results = told.out / "results"
-        results.mkdir(exist_ok=True)
-        for trial, setting in zip(told.trials, settings, strict=True):
-            found = trial_of(setting.folder, methods=told.methods)
-            keep(results / f"{told.robot}_{trial}.json", told.robot, trial, found)
+        (told.out / "results").mkdir(exist_ok=True)
         folders = [setting.folder for setting in settings]
+        found = dict(zip(told.trials, folders, strict=True))
+        text = tell(told.out, told.robot, found, told.methods)
         drawn(folders, told.methods, told.out / "generations.png")
-        text = document(read_trials(results))
-        (told.out / "table.md").write_text(text, encoding="utf-8")
         print(f"{text}\n{told.out / 'table.md'}")
 
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 
 from gatjax.benchmark.transfer import Found, document, read_trials, trial_of
@@ -64,6 +65,18 @@ def keep(path: Path, robot: str, trial: int, found: dict[str, Found]) -> None:
     write_json(path, {"robot": robot, "trial": trial, "methods": methods})
 
 
+def tell(
+    out: Path, robot: str, folders: dict[int, Path], methods: Sequence[str]
+) -> str:
+    """Keep what trials in their run folders found; write the table of all there are."""
+    for trial, folder in folders.items():
+        found = trial_of(folder, methods=methods)
+        keep(out / "results" / f"{robot}_{trial}.json", robot, trial, found)
+    text = document(read_trials(out / "results"))
+    (out / "table.md").write_text(text, encoding="utf-8")
+    return text
+
+
 def main() -> None:
     """Run trial after trial and write the table after each of them."""
     told = asked()
@@ -84,11 +97,8 @@ def main() -> None:
                 for trial in trials
             ]
             folders = run_trials(told.out, each, make_robot(robot), shown)
-            for trial, folder in zip(trials, folders, strict=True):
-                keep(results / f"{robot}_{trial}.json", robot, trial,
-                     trial_of(folder, methods=told.methods))  # fmt: skip
-            text = document(read_trials(results))
-            (told.out / "table.md").write_text(text, encoding="utf-8")
+            found = dict(zip(trials, folders, strict=True))
+            tell(told.out, robot, found, told.methods)
     print(f"{document(read_trials(results))}\n{told.out / 'table.md'}")
 
 

@@ -56,7 +56,7 @@ class Server:
         """
         if path.exists() and not path.is_socket():
             raise OSError(f"{path}: is a file; choose another place for the socket")
-        if path.exists() and _served(path):
+        if _served(path):
             raise OSError(f"{path}: a NAO is there already; end it, or use another one")
         path.unlink(missing_ok=True)
         self.path, self.lockstep = path, lockstep
