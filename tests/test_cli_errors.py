@@ -172,11 +172,12 @@ def test_a_truncated_checkpoint(tmp_path, capsys):
     assert "checkpoints" in line
 
 
-def test_a_ctrl_c_that_gets_lost_stops_the_next_piece_of_work():
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_ctrl_c_that_gets_lost_stops_the_next_piece_of_work(number):
     with heeded(), shown(1.0) as progress:
         progress.stage("work")
         try:  # what a destructor or a C callback does with an exception
-            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(number)
         except KeyboardInterrupt:
             pass
         with pytest.raises(KeyboardInterrupt):

@@ -31,6 +31,8 @@ from gatjax.hardware.terminal import Terminal
 from gatjax.records import FORCE_SENSORS, JOINTS
 from gatjax.surrogate.attended import SimulatedNao
 from gatjax.surrogate.lola import Server
+from gatjax.walk.parameters import THETA0
+from gatjax.walk.policy import write_policy
 
 
 def by_hand(**changes):
@@ -195,7 +197,35 @@ def test_deploy_walks_and_logs_every_frame(nao, tmp_path, capsys):
     assert (read_recording(out / "between_000.csv").trajectory == -1).all()
     capsys.readouterr()
     assert main([*command, *short]) == 0  # both are there
+    assert json.loads((out / "walks.json").read_text()) == told
+    for other in (["--seconds", "3"], ["--forward", "0.5"]):
+        assert main([*command, "--walks", "2", *short, *other]) == 1
+        assert "choose another --out" in capsys.readouterr().err
+    write_policy(tmp_path, "slow", 0.9 * THETA0, {})
+    command[1] = str(tmp_path / "slow.json")
+    assert main([*command, *short]) == 1
+    assert "has walks with policy theta0, not" in capsys.readouterr().err
     assert not (out / "frames_001.csv").exists()
+
+
+def test_a_stop_in_the_last_crouch_hides_no_walk(nao, tmp_path, monkeypatch):
+    """And of the walk that will not be nothing is said."""
+    rest = Session.rest
+
+    def pressed(session):
+        if session.run == 0:
+            os.kill(os.getpid(), signal.SIGINT)
+        rest(session)
+
+    monkeypatch.setattr(Session, "rest", pressed)
+    said, out = [], tmp_path / "out"
+    person = Terminal()
+    monkeypatch.setattr(person, "say", said.append)
+    with pytest.raises(KeyboardInterrupt):
+        deploy(Path("theta0"), f"lola:{nao}", Asked(2, seconds=1.0), out, person)
+    (told,) = json.loads((out / "walks.json").read_text())["walks"]
+    assert told["fell_at_s"] is None
+    assert said[-1].startswith("walk 1: ") and "walk 2 of 2" not in said
 
 
 def test_collect_and_evaluate_through_lola(nao, tmp_path, capsys):
@@ -400,6 +430,15 @@ def test_who_is_not_there_and_who_runs_at_another_rate(nao, tmp_path, capsys):
     for flag, value in (("--walks", "0"), ("--forward", "3"), ("--seconds", "nan")):
         assert main(["deploy", "theta0", "--robot", f"lola:{nao}", flag, value]) == 1
         assert f"{flag} is {value}" in capsys.readouterr().err
+    for robot, out, says in (
+        ("lola:", tmp_path, "no address after its colon"),
+        (f"lola:{nao}", nao.parent / "notes.txt", "is a file"),
+    ):
+        (nao.parent / "notes.txt").write_text("mine")
+        assert main(["deploy", "theta0", "--robot", robot, "--out", str(out)]) == 1
+        assert says in capsys.readouterr().err
+    assert main(["deploy", "theta1", "--robot", f"lola:{nao}"]) == 1
+    assert "no such policy" in capsys.readouterr().err
     file = tmp_path / "notes.txt"
     file.write_text("mine")
     assert main(["nao", "--socket", str(file)]) == 1
@@ -466,3 +505,36 @@ def test_a_second_nao_does_not_take_the_socket_of_the_first(tmp_path):
     first.socket.close()  # killed: its socket stays behind
     first.tracker.close()
     Server(tmp_path / "s", lockstep=False).close()
+
+
+def test_who_only_looks_is_not_told_of(tmp_path):
+    server, said = Server(tmp_path / "s", lockstep=True), []
+    silent = "disconnected: no answers while it had power"
+    robot = SimulatedNao("stiff", 0, 0)
+    thread = threading.Thread(target=server.serve, args=(robot, said.append))
+    thread.start()
+    for answers in (0, 2):
+        link = Lola(tmp_path / "s")
+        for _ in range(answers):
+            frame = link.receive(5.0)
+            link.send(Command(frame.reading.angle, np.zeros(25)))
+        link.close()
+    until = time.monotonic() + 10.0
+    while len(said) < 3 and time.monotonic() < until:
+        time.sleep(0.01)
+    server.close()
+    thread.join(10.0)
+    assert said[:1] + said[-2:] == ["connected", "client left", silent]
+    assert said.count("connected") == 1
+
+
+def test_a_kill_takes_the_socket_along(tmp_path):
+    path = tmp_path / "s"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "gatjax.cli", "nao", "--robot", "stiff",
+         "--socket", str(path)], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    assert process.stdout is not None and b"as a NAO at" in process.stdout.readline()
+    process.terminate()
+    _, error = process.communicate(timeout=60)
+    assert error.startswith(b"gatjax: stopped") and not list(tmp_path.iterdir())

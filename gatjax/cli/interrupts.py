@@ -1,4 +1,4 @@
-"""Ctrl-C that is never lost.
+"""Ctrl-C, or a polite kill, that is never lost.
 
 Python raises KeyboardInterrupt wherever it happens to be; inside a destructor or a C
 callback the exception is printed or dropped, and the program goes on. So the press is
@@ -13,12 +13,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+ENDS = [signal.SIGINT, signal.SIGTERM]  # a person's, a cluster's
+
 _pressed = threading.Event()
 
 
 @contextmanager
 def heeded() -> Iterator[None]:
-    """Remember Ctrl-C while the block runs."""
+    """Remember Ctrl-C and SIGTERM while the block runs."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -28,11 +30,12 @@ def heeded() -> Iterator[None]:
         raise KeyboardInterrupt
 
     _pressed.clear()
-    before = signal.signal(signal.SIGINT, handle)
+    before = {number: signal.signal(number, handle) for number in ENDS}
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
         _pressed.clear()
 
 

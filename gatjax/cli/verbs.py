@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from contextlib import closing, suppress
 from functools import singledispatch
 from pathlib import Path
 from typing import Any
@@ -263,13 +264,13 @@ def simulate(verb: verbs.SimulateNao) -> None:
 
     check_least(0, seed=verb.seed, body_seed=verb.body_seed)
     robot = SimulatedNao(verb.robot, verb.body_seed, verb.seed, verb.hung)
-    server = Server(verb.socket, verb.lockstep)
     pace = "in lockstep" if verb.lockstep else "in real time"
-    print(f"{verb.robot} as a NAO at {verb.socket}, {pace}; Ctrl-C ends it", flush=True)
-    try:
+    with closing(Server(verb.socket, verb.lockstep)) as server:
+        print(
+            f"{verb.robot} as a NAO at {verb.socket}, {pace}; Ctrl-C ends it",
+            flush=True,
+        )
         server.serve(robot, lambda text: print(text, flush=True))
-    finally:
-        server.close()
 
 
 @act.register
@@ -310,7 +311,11 @@ def diagnose(verb: verbs.Diagnose) -> None:
     use_compile_cache()
     given = read_given(verb)
     runs.make_folder(verb.out)
-    explain(verb, *given)
+    try:
+        explain(verb, *given)
+    finally:
+        with suppress(OSError):
+            verb.out.rmdir()  # nothing came of it, and nothing is in it
 
 
 @act.register

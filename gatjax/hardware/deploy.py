@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gatjax.files import write_json
+from gatjax.files import read_json, write_json
 from gatjax.hardware.attendant import Attendant
 from gatjax.hardware.robot import Hardware
 from gatjax.records import Outcome
@@ -17,6 +17,9 @@ from gatjax.walk.parameters import THETA0
 from gatjax.walk.policy import read_policy
 
 Array = Any
+
+HAND_TUNED = "theta0"  # instead of a policy file
+REPORT = "walks.json"  # of what is asked for and of the walks
 
 
 class Asked(NamedTuple):
@@ -54,10 +57,16 @@ def policy_at(path: Path) -> Array:
     Raises:
         FileNotFoundError, ValueError: one line: there is none.
     """
+    if str(path) == HAND_TUNED:
+        return THETA0
     if path.is_dir():
         found = sorted((path / "policies").glob("*.json"))
         names = ", ".join(policy.name for policy in found) or "none"
         raise ValueError(f"{path}: which policy? It has {names}")
+    if not path.exists():
+        raise FileNotFoundError(
+            f"{path}: no such policy; give a file of runs/.../policies, or {HAND_TUNED}"
+        )
     return read_policy(path)
 
 
@@ -75,42 +84,84 @@ def deploy(
         person: who looks after the robot.
 
     Returns:
-        Lines that say what happened.
+        Lines that say what happened. If it ends early, the person is told of the walks
+        that are there.
 
     Raises:
-        ValueError, Stopped, KeyboardInterrupt, Lost: see `Hardware.walk`.
+        ValueError, Stopped, KeyboardInterrupt, Lost: see `Hardware.walk`; or the folder
+            has other walks.
     """
     asked.check()
     named = out is not None
     out = out or Path("deployed") / time.strftime("%Y%m%d-%H%M%S")
-    theta = THETA0 if str(policy) == "theta0" else policy_at(policy)
+    theta = policy_at(policy)
+    before = _before(out)
     robot = Hardware(address, out, person)
     person.say(f"{address}: {robot.identity}, {robot.state}")
+    facts = {
+        "policy": str(policy), "parameters": theta.tolist(), "forward": asked.forward,
+        "seconds": asked.seconds, "robot": robot.constants(),
+    }  # fmt: skip
+    _check_same(out, before, facts)
     if not named:
         person.say(f"all goes to {out}; if it is stopped, --out {out} goes on")
     task = task_of(robot.period, forward=asked.forward, duration=asked.seconds)
-    policies, count = np.tile(theta, (asked.walks, 1)), range(asked.walks)
-    _, outcome = robot.walk(policies, count, task)
-    told = [summary(outcome, index) for index in count]
-    lines = [f"walk {index + 1}: {said(entry)}" for index, entry in enumerate(told)]
-    report: dict[str, Any] = {
-        "policy": str(policy), "robot": robot.constants(), "walks": told,
-    }  # fmt: skip
-    write_json(out / "walks.json", report)
+    walks = np.tile(theta, (asked.walks, 1)), range(asked.walks), task
+    try:
+        robot.walk(*walks)
+    except BaseException:
+        for line in _told(out, facts, robot.walked(*walks)):
+            person.say(line)
+        raise
+    lines = _told(out, facts, robot.walked(*walks))
     return [*lines, f"{out}: frames_*.csv is for gatjax diagnose --data"]
 
 
-def summary(outcome: Outcome, index: int) -> dict[str, Any]:
-    """Facts of one walk of a batch, plain numbers."""
-    fell = float(outcome.fell_at[index])
+def _before(out: Path) -> dict[str, Any]:
+    """Read what a folder says of the walks in it; nothing if it has none."""
+    if out.exists() and not out.is_dir():
+        raise ValueError(f"{out}: is a file, --out needs a folder here")
+    path = out / REPORT
+    return read_json(path) if path.is_file() else {}
+
+
+def _check_same(out: Path, before: dict[str, Any], facts: dict[str, Any]) -> None:
+    """Refuse a folder whose walks were asked for in another way."""
+    names = {"parameters": "policy", "forward": "forward", "seconds": "seconds"}
+    for key, name in names.items():
+        if before.get(key, facts[key]) != facts[key]:
+            raise ValueError(
+                f"{out}: has walks with {name} {before[name]}, not {facts[name]}; "
+                f"choose another --out"
+            )
+    was, now = before.get("robot", facts["robot"])["identity"], facts["robot"]
+    if was != now["identity"]:
+        raise ValueError(
+            f"{out}: has walks of robot {was}, this is {now['identity']}; choose "
+            f"another --out"
+        )
+
+
+def _told(out: Path, facts: dict[str, Any], walks: list[Any]) -> list[str]:
+    """Write `walks.json` of the walks that are there, and say each in a line."""
+    there = {number: summary(walk[1]) for number, walk in enumerate(walks) if walk}
+    if there:
+        write_json(out / REPORT, {**facts, "walks": list(there.values())})
+    return [f"walk {number + 1}: {said(entry)}" for number, entry in there.items()]
+
+
+def summary(outcome: Outcome) -> dict[str, Any]:
+    """Facts of one walk, plain numbers."""
+    velocity, fell = float(outcome.velocity), float(outcome.fell_at)
     return {
-        "velocity_m_s": float(outcome.velocity[index]),
+        "velocity_m_s": velocity if np.isfinite(velocity) else None,
         "fell_at_s": fell if np.isfinite(fell) else None,
     }
 
 
 def said(facts: dict[str, Any]) -> str:
     """Say the facts of a walk."""
-    fell = facts["fell_at_s"]
+    speed, fell = facts["velocity_m_s"], facts["fell_at_s"]
     end = "stood to the end" if fell is None else f"fell after {fell:.1f} s"
-    return f"{100.0 * facts['velocity_m_s']:.1f} cm/s, {end}"
+    far = "nobody said how far" if speed is None else f"{100.0 * speed:.1f} cm/s"
+    return f"{far}, {end}"

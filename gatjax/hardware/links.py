@@ -28,7 +28,9 @@ def open_link(name: str) -> Link:
         ValueError: the name means no robot.
         Lost: one line: it is not there.
     """
-    kind, _, where = name.partition(":")
+    kind, colon, where = name.partition(":")
+    if colon and not where:
+        raise ValueError(f"robot {name!r} has no address after its colon; use {FORMS}")
     if kind == "lola":
         return Lola(Path(where) if where else SOCKET)
     if kind in TYPES:

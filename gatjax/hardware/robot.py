@@ -74,10 +74,7 @@ class Hardware:
             Lost: the robot is gone.
         """
         self._check_rate(1.0 / task.control_period)
-        orders = [
-            Order(self.identity, policy, int(seed), task)
-            for policy, seed in zip(np.asarray(policies, float), seeds)
-        ]
+        orders = self._orders(policies, seeds, task)
         walks = [kept(self.folder, order) for order in orders]
         there = sum(walk is not None for walk in walks)
         if there:
@@ -92,13 +89,26 @@ class Hardware:
                     walks[number] = self._one(session, number, order, entry, told)
         return stacked(walks)
 
+    def walked(
+        self, policies: Array, seeds: Sequence[int], task: Task
+    ) -> list[Entry | None]:
+        """Return the walks that are there, None where there is none; as for `walk`."""
+        orders = self._orders(policies, seeds, task)
+        return [kept(self.folder, order) for order in orders]
+
+    def _orders(self, policies: Array, seeds: Sequence[int], task: Task) -> list[Order]:
+        return [
+            Order(self.identity, policy, int(seed), task)
+            for policy, seed in zip(np.asarray(policies, float), seeds)
+        ]
+
     def _one(
         self, session: Session, number: int, order: Order, entry: Entry | None,
         told: str,
     ) -> Entry:  # fmt: skip
         """Return a walk: kept, or walked now; measured, or asked for now."""
         if entry is None:
-            self.attendant.say(told)
+            self._announce(session, told)
             done = self._walked(session, number, order)
             outcome = done.outcome or judged(order.task, np.nan, done.fell_at)
             entry = padded(done.rows, order.task.ticks, self.period), outcome
@@ -142,13 +152,19 @@ class Hardware:
         runs = []
         with self._session() as session:
             for number, target in enumerate(targets):
-                self.attendant.say(f"run {number + 1} of {len(targets)}")
+                self._announce(session, f"run {number + 1} of {len(targets)}")
                 once = partial(play, session, target)
                 done = self._run(session, number, target[0], MOVES, once)
                 runs.append(padded(done.rows, len(target), self.period))
                 if done.late is not None:
                     raise done.late
         return stacked(runs)
+
+    def _announce(self, session: Session, what: str) -> None:
+        """Say what comes next, unless somebody wants the end."""
+        if session.interrupted:
+            raise KeyboardInterrupt
+        self.attendant.say(what)
 
     def _check_rate(self, rate_hz: float) -> None:
         ours = 1.0 / self.period

@@ -22,6 +22,7 @@ WAITS = 20.0  # s that a robot which waits for answers may take for a frame
 FRAME, LATE = 1.0, 1.5  # periods to the frame after a missing one, to any other
 RISE = 1.0  # rad/s on the way to the first pose
 INTERRUPTED = "Ctrl-C was pressed"
+GONE = 1.0  # s without a frame after which nobody knows how the robot is
 
 
 class Stopped(RuntimeError):
@@ -74,6 +75,7 @@ class Session:
         self.run = BETWEEN
         self.interrupted = False
         self._told = 0  # commands so far
+        self._silent = 0  # periods in a row without a frame that can be read
         self.take()
 
     def take(self, share: float = 0.0) -> None:
@@ -100,6 +102,7 @@ class Session:
         A robot that goes on by itself is told something each period, frame or none.
         """
         frame = self._frame()
+        self._silent = self._silent + 1 if frame is None else 0
         reading = self.guard.see(frame)
         wanted = self.guard.sent if mover is None else None
         if mover and reading is not None and self.guard.mode is Mode.FOLLOW:
@@ -243,9 +246,12 @@ class Session:
             self._raise()
 
     def _raise(self) -> None:
-        """Say why the robot must not go on."""
+        """Say why the robot must not go on, and that it may not have heard so."""
         if self.interrupted and self.guard.why in ("", INTERRUPTED):
             raise KeyboardInterrupt
+        why = self.guard.why
+        if self._silent * self.link.period > GONE:
+            why += "; nothing has come since: look whether it has crouched"
         if self.interrupted:
-            raise KeyboardInterrupt(self.guard.why)
-        raise Stopped(f"stopped, since {self.guard.why}")
+            raise KeyboardInterrupt(why)
+        raise Stopped(f"stopped, since {why}")

@@ -6,7 +6,9 @@ vmaps, jits and shards them. `impl` is "jax", or "warp" on NVIDIA GPUs.
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
+import io
 from collections.abc import Callable
 from typing import Any
 
@@ -14,7 +16,6 @@ import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
-from mujoco import mjx
 
 from gatjax.effects.sensor import drifted
 from gatjax.records import Outcome, Sensed, Signal, Trajectory
@@ -24,6 +25,9 @@ from gatjax.sim.actuation import State, actuation
 from gatjax.sim.course import Engine, Place, course
 from gatjax.sim.versions import mismatch
 from gatjax.sim.world import Values, World, dropped_by_mjx, fields_applied
+
+with contextlib.redirect_stdout(io.StringIO()) as _printed:
+    from mujoco import mjx  # prints why it has no Warp
 
 Array = Any
 Step = Callable[[Any, Any], Any]
@@ -53,6 +57,8 @@ def lacking_for_warp() -> str | None:
     """What this machine lacks to run MJX-Warp, in a line; None if nothing."""
     if importlib.util.find_spec("warp") is None:
         return "impl 'warp' needs warp-lang; pip install 'gatjax[warp]'"
+    if _printed.getvalue():
+        return f"impl 'warp' is broken: {_printed.getvalue().splitlines()[0]}"
     if "NVIDIA" not in jax.devices()[0].device_kind:
         return "impl 'warp' needs an NVIDIA GPU; use --impl jax"
     return None

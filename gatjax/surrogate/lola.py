@@ -86,17 +86,17 @@ class Server:
                 client, _ = self.socket.accept()
             except OSError:
                 return
-            say("connected")
             with client, unhindered():
-                self._serve(client, robot, say)
+                stayed = self._serve(client, robot, say)
             robot.pick_up()
-            say(f"disconnected: {paces(self.answers)}")
+            if stayed:
+                say(f"disconnected: {paces(self.answers)}")
 
     def _serve(
         self, client: socket.socket, robot: SimulatedNao, say: Callable[[str], None]
-    ) -> None:
-        """Serve one client until it leaves."""
-        stream, silent = b"", 0.0
+    ) -> bool:
+        """Serve one client until it leaves; return whether it was more than a look."""
+        stream, silent, stayed = b"", 0.0, False
         self.answers.clear()
         due = time.monotonic()
         while True:
@@ -109,11 +109,15 @@ class Server:
                 silent = 0.0 if answer else silent + PERIOD
                 told = told_by(answer.said, robot.told) if answer else robot.told
             except (OSError, EOFError):
-                say("client left")
-                return
+                if stayed:
+                    say("client left")
+                return stayed
             except ValueError as error:
                 say(f"client: {error}")
-                return
+                return stayed
+            if not stayed and (answer or silent > RELEASE):
+                stayed = True
+                say("connected")
             if told.stiffness.any() and (answer or due - sent > FAIR):
                 self.answers.append(answer.at - sent if answer else np.inf)
             if silent > RELEASE:
