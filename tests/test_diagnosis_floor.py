@@ -226,7 +226,7 @@ def test_causes_of_the_floor_are_named(
 ) -> None:
     run, channels = logged(model, cause, where, values)
     robot = standing.prepare(model, [run], [channels], PERIOD, silent)
-    best = claims.claims(claims.scene(robot), silent)[0]
+    best = claims.claims(claims.scene(robot, silent), silent)[0]
     assert (best.cause, best.where) == (cause, where)
     assert best.gain > 10.0
     first = next(iter(best.values.values()))
@@ -237,7 +237,7 @@ def test_causes_of_the_floor_are_named(
 def test_a_healthy_robot_has_no_claim(model: mujoco.MjModel) -> None:
     run, channels = logged(model)
     robot = standing.prepare(model, [run], [channels], PERIOD, silent)
-    assert claims.claims(claims.scene(robot), silent)[0].gain < 10.0
+    assert claims.claims(claims.scene(robot, silent), silent)[0].gain < 10.0
 
 
 def test_a_weak_hip_of_a_standing_robot_is_named(

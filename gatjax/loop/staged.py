@@ -15,6 +15,8 @@ ENGINE = {
     "losses": ("look for lost commands", 0.3, 0.6),
     "aside": ("weigh causes without what nothing explains", 0.3, 0.6),
     "astray": ("weigh causes of joints that go astray", 0.3, 0.6),
+    "suspects": ("simulate floors, soles and tilts", 0.3, 0.5),
+    "whole": ("play causes with the whole robot", 0.5, 0.6),
     "floor": ("weigh causes of floor and feet", 0.6, 0.7),
     "extend": ("extend the model", 0.7, 0.72),
     "measure": ("measure on logs", 0.72, 1.0),

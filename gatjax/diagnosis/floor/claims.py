@@ -75,16 +75,23 @@ def claims(scene: Scene, tell: Callable[[str, float], None]) -> list[FloorClaim]
     return sorted(found, key=lambda claim: -claim.gain)
 
 
-def scene(standing: Standing) -> Scene:
-    """Simulate all suspects of a robot, and widen its tolerances by small ones."""
+def scene(standing: Standing, tell: Callable[[str, float], None]) -> Scene:
+    """Simulate all suspects of a robot, and widen its tolerances by small ones.
+
+    Args:
+        standing: the robot.
+        tell: is called with a stage and the share of it that is done.
+    """
     world = standing.ensembles[0].world
     rows = [_first(row) for row in standing.ensembles[0].rows]
     suspects = causes.suspects(standing.model)
-    nodes = [suspect.world(world, x) for suspect in suspects for x in suspect.nodes]
     seen = observe(standing)
     nominal = vector(standing, seen.names, rows)[0]
-    ends = np.cumsum([len(suspect.nodes) for suspect in suspects])[:-1]
-    simulated = np.split(_predicted(standing, seen.names, nodes), ends)
+    simulated = []
+    for number, suspect in enumerate(suspects):
+        tell("suspects", number / len(suspects))
+        nodes = [suspect.world(world, x) for x in suspect.nodes]
+        simulated.append(_predicted(standing, seen.names, nodes))
     columns = _tolerances(suspects, simulated, nominal, standing.allowed.tilt)
     wide = widened(seen, columns)
     known = weighed(wide, nominal)

@@ -53,7 +53,7 @@ class StandingJudge(Judge):
         """Start from the tolerances of a case whose base is the standing robot."""
         super().__init__(case, tell)
         self.standing = standing
-        self.scene = claims.scene(standing)
+        self.scene = claims.scene(standing, tell)
         self.nominal = self.scene.known
         self.outcomes: dict[tuple, Weighed] = {}
 
@@ -64,10 +64,20 @@ class StandingJudge(Judge):
             if claim.hypothesis.cause and claim.gain > PROPOSED
             and (len(claim.where) <= PAIR or len(claim.where) == len(self.joints))
         ][:MOST]  # fmt: skip
-        found = sorted((self._replayed(claim) for claim in proposed), key=_worst_first)
-        found[-REFINED:] = [self._refined(claim) for claim in found[-REFINED:]]
+        found = sorted(self._each(proposed, self._replayed, 0.0), key=_worst_first)
+        found[-REFINED:] = self._each(found[-REFINED:], self._refined, 0.5)
         found += [_claim(one) for one in claims.claims(self.scene, self.tell)]
         return sorted(found, key=lambda claim: -claim.gain)
+
+    def _each(
+        self, some: list[Claim], change: Callable[[Claim], Claim], share: float
+    ) -> list[Claim]:
+        """Change some claims; half of the stage, which is done to a share before."""
+        changed = []
+        for number, claim in enumerate(some):
+            self.tell("whole", share + 0.5 * number / len(some))
+            changed.append(change(claim))
+        return changed
 
     def explained(self, index: int) -> list[Fit]:
         """Fits that are good enough to propose a cause."""
