@@ -25,8 +25,7 @@ from run import METHODS, tell
 from gatjax import loop
 from gatjax.benchmark.trials import opened
 from gatjax.cli.progress import shown
-from gatjax.grounding.learn import grounded, read_grounding
-from gatjax.loop.optimise import Job, optimise_all
+from gatjax.loop.optimise import optimise_all
 from gatjax.loop.setting import Setting, total_work
 from gatjax.loop.stages import begin, entries, job_of
 from gatjax.runs import Progress, read_table
@@ -66,19 +65,9 @@ def ground(settings: list[Setting]) -> None:
 
 def search(settings: list[Setting]) -> None:
     """Search in all trials of a method at once, and measure what was found there."""
-    for method in settings[0].settings.methods:
-        jobs = [_job(setting, method) for setting in settings]
+    for alike in zip(*map(entries, settings), strict=True):
+        jobs = [job_of(*each, 0, THETA0) for each in zip(settings, alike, strict=True)]
         optimise_all(jobs, settings[0].settings, settings[0].progress)
-
-
-def _job(setting: Setting, method: str) -> Job:
-    """A search from a grounding alone; its keys are those of `job_of`."""
-    known = read_grounding(setting.folder / "grounding" / f"{method}_0")
-    return Job(
-        folder=setting.folder, method=method, iteration=0,
-        world=grounded(setting.world, known), theta=THETA0,
-        key=setting.key(3, 0), check_key=setting.key(4, 0),
-    )  # fmt: skip
 
 
 def walk(settings: list[Setting]) -> None:

@@ -237,23 +237,26 @@ def ground(
     entry: Entry,
     iteration: int,
     theta: Array,
-    logs: tuple[Recording, Recording],
+    logs: Callable[[], tuple[Recording, Recording]],
 ) -> grounders.Grounding:
     """Ground the entry's world in the logs of robot and simulator; once."""
     folder = setting.folder / "grounding" / f"{entry.name}_{iteration}"
     if (folder / "grounder.json").exists():
         return grounders.read_grounding(folder)
+    robot, simulator = logs()
     setting.progress.stage(f"{entry.name}: ground the simulator")
     seed, world = setting.settings.seed, entry.world
 
     def tell(text: str) -> None:
         setting.progress.stage(f"{entry.name}: {text}")
 
-    grounding = learn_grounding(world, entry.grounder, *logs, seed, theta, tell)
+    grounding = learn_grounding(
+        world, entry.grounder, robot, simulator, seed, theta, tell
+    )
     grounding = stable(world, grounding, theta, setting.key(2, iteration))
-    grounding = helpful(world, grounding, logs[0], seed)
+    grounding = helpful(world, grounding, robot, seed)
     facts = {"method": entry.name, "iteration": iteration}
-    rows = [facts | row for row in predictions(world, grounding, logs[0], seed)]
+    rows = [facts | row for row in predictions(world, grounding, robot, seed)]
     runs.add_rows(setting.folder / "prediction.csv", rows)
     folder.mkdir(parents=True, exist_ok=True)
     write_grounded(folder, world, grounding, facts)

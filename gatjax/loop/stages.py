@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from gatjax import runs
+from gatjax.data.recording import Recording
 from gatjax.grounding.learn import grounded
 from gatjax.loop.collect import collect
 from gatjax.loop.evaluate import confirm, evaluate, show, winner
@@ -126,14 +127,17 @@ def improve(
 
 
 def job_of(setting: Setting, entry: Entry, iteration: int, theta: Array) -> Job:
-    """Collect, ground, and return what is to be searched."""
-    plain = entry.world is setting.world
-    owner = "" if iteration == 0 else f"_{entry.name}"  # theta0 is everybody's
-    robot_log = collect(setting, setting.robot, f"robot_{iteration}{owner}", theta)
-    owner = owner if plain else f"_{entry.name}"  # an extended world walks for itself
-    simulator = Simulator(entry.world)
-    simulator_log = collect(setting, simulator, f"simulator_{iteration}{owner}", theta)
-    grounding = ground(setting, entry, iteration, theta, (robot_log, simulator_log))
+    """Collect and ground, once, and return what is to be searched."""
+
+    def logs() -> tuple[Recording, Recording]:
+        owner = "" if iteration == 0 else f"_{entry.name}"  # theta0 is everybody's
+        real = collect(setting, setting.robot, f"robot_{iteration}{owner}", theta)
+        if entry.world is not setting.world:  # an extended one walks for itself
+            owner = f"_{entry.name}"
+        simulator, name = Simulator(entry.world), f"simulator_{iteration}{owner}"
+        return real, collect(setting, simulator, name, theta)
+
+    grounding = ground(setting, entry, iteration, theta, logs)
     return Job(
         folder=setting.folder,
         method=entry.name,
