@@ -198,13 +198,18 @@ def test_deploy_walks_and_logs_every_frame(nao, tmp_path, capsys):
     capsys.readouterr()
     assert main([*command, *short]) == 0  # both are there
     assert json.loads((out / "walks.json").read_text()) == told
+    assert main([*command, "--seconds", "2", "--walks", "1"]) == 0  # none is forgotten
+    assert json.loads((out / "walks.json").read_text()) == told
     for other in (["--seconds", "3"], ["--forward", "0.5"]):
         assert main([*command, "--walks", "2", *short, *other]) == 1
         assert "choose another --out" in capsys.readouterr().err
     write_policy(tmp_path, "slow", 0.9 * THETA0, {})
     command[1] = str(tmp_path / "slow.json")
     assert main([*command, *short]) == 1
-    assert "has walks with policy theta0, not" in capsys.readouterr().err
+    assert "has walks with parameters theta0, not" in capsys.readouterr().err
+    (out / "walks.json").write_text('{"robot": {}}')
+    assert main([*command, *short]) == 1
+    assert "is of something else" in capsys.readouterr().err
     assert not (out / "frames_001.csv").exists()
 
 
@@ -496,6 +501,27 @@ def test_a_kill_loses_less_than_the_last_second(nao, tmp_path):
     recording = read_recording(path)
     check_recording(recording, JOINTS)
     assert killed - recording.columns["received"][-1] < 1.0
+
+
+def test_a_kill_between_walks_leaves_the_report_of_the_first(nao, tmp_path):
+    out, policy = tmp_path / "deployed", tmp_path / "p.json"
+    write_policy(tmp_path, "p", THETA0, {})
+    order = [policy, "--robot", f"lola:{nao}", "--out", out, "--seconds"]
+    command = [sys.executable, "-m", "gatjax.hardware", *order, "1", "--walks", "99"]
+    process = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    report, deadline = out / "walks.json", time.monotonic() + 60.0
+    while not (report.is_file() and json.loads(report.read_text())["walks"]):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    process.kill()
+    process.wait()
+    asked, address = Asked(1, seconds=1.0), f"lola:{nao}"
+    for other in (Asked(1, seconds=2.0), Asked(1, forward=0.5, seconds=1.0)):
+        with pytest.raises(ValueError, match="choose another --out"):
+            deploy(policy, address, other, out, Quiet())
+    write_policy(tmp_path, "p", 0.9 * THETA0, {})
+    with pytest.raises(ValueError, match="not as it is now; choose another --out"):
+        deploy(policy, address, asked, out, Quiet())
 
 
 def test_a_second_nao_does_not_take_the_socket_of_the_first(tmp_path):

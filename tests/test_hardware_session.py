@@ -168,7 +168,7 @@ def test_a_second_ctrl_c_takes_its_power(monkeypatch):
 
 
 def test_ctrl_z_does_not_leave_it_alone():
-    with interruptible(lambda at_once: None):
+    with interruptible(lambda at_once: ""):
         os.kill(os.getpid(), signal.SIGTSTP)  # would stop this test for ever
         assert signal.getsignal(signal.SIGTTIN) is signal.SIG_IGN
 
@@ -208,6 +208,38 @@ def test_a_robot_that_lost_its_power_does_not_get_it_back():
     with pytest.raises(Stopped, match="somebody else took its power"):
         runs.walk(session)
     assert link.commands[-1].stiffness[0] == 0.0
+
+
+def test_a_robot_that_stalled_is_not_told_where_it_never_went():
+    """It stands still for half a second, and hears nothing of the crouch meanwhile."""
+    session, link = runs.session()
+    seen, sent, count = link.receive, link.send, [0]
+    stalls = range(50, 90)  # 0.5 s
+
+    def receive(timeout):
+        count[0] += 1
+        return None if count[0] in stalls else seen(timeout)
+
+    def send(command):
+        if count[0] not in stalls:
+            sent(command)
+
+    link.receive, link.send = receive, send
+    before = len(link.commands)
+    with pytest.raises(Stopped, match="no frame came"):
+        runs.walk(session)
+    targets = np.array([command.target for command in link.commands[before:]])
+    steps = np.abs(np.diff(targets, axis=0)).max(1)
+    assert steps.max() < 0.1  # else it is told to be 0.9 rad further at once
+    assert np.allclose(targets[-1, KNEE], CROUCH[KNEE], atol=1e-6)
+
+
+def test_who_ends_it_hears_what_the_robot_does():
+    session, _ = lying()
+    assert "no power" in session.stop(False)
+    session, _ = runs.session()
+    assert session.stop(False).startswith("it crouches")
+    assert session.stop(True) == "its power is off"
 
 
 def test_a_single_word_of_motion_capture_is_no_fall():

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import signal
 import socket
 import threading
 import time
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from gatjax.data.recording import read_recording
+from gatjax.hardware import process
 from gatjax.hardware.deploy import Asked, deploy
 from gatjax.hardware.frames import Frame
 from gatjax.hardware.log import Log
@@ -102,6 +104,26 @@ def test_a_terminal_that_is_gone_says_nothing(monkeypatch):
     with screen(monkeypatch) as (read, _):
         os.close(read)
         Terminal().say("hello")
+
+
+def test_without_a_terminal_nothing_is_said(monkeypatch):
+    monkeypatch.setattr("sys.stderr", None)  # 2>&-
+    Terminal().say("hello")
+
+
+def test_a_terminal_that_takes_nothing_holds_no_stop_up(monkeypatch):
+    """The handler of a signal runs where the robot is told what to do."""
+    with screen(monkeypatch) as (_, write):
+        monkeypatch.setattr(process, "STDERR", write)
+        os.set_blocking(write, False)
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                os.write(write, b"." * 4096)
+        os.set_blocking(write, True)
+        asked = []
+        with process.interruptible(lambda at_once: asked.append(at_once) or "stops"):
+            os.kill(os.getpid(), signal.SIGTERM)  # would wait for ever
+        assert asked == [False]
 
 
 def test_a_terminal_that_takes_nothing_holds_nobody(monkeypatch):

@@ -9,7 +9,7 @@ import numpy as np
 from gatjax import motions
 from gatjax.cli import arguments as verbs
 from gatjax.cli.inputs import check_least, policy_of, robot_of
-from gatjax.cli.progress import shown
+from gatjax.cli.progress import shown_beside
 from gatjax.data.recording import Recording, check_ending, write_recording
 from gatjax.data.trajectories import to_recording
 from gatjax.hardware.robot import Hardware, HungHardware
@@ -72,7 +72,7 @@ def playing_at(rate_hz: float, robot: str) -> Task:
 def walked(verb: verbs.Collect, robot: Any, drawn: range) -> tuple[Recording, str]:
     """Record walks; return what to say about them."""
     policies = np.tile(policy_of(verb.policy), (len(drawn), 1))
-    with shown(1.0) as progress:
+    with shown_beside(verb.robot, 1.0) as progress:
         progress.stage(f"{len(drawn)} walks of {robot.name}")
         trajectory, outcome = robot.walk(policies, drawn, task_at(verb.rate_hz))
         progress.work(1.0)
@@ -95,7 +95,7 @@ def played(
         reach=motion.reach(limbs, moving) if verb.reach is None else verb.reach,
         seconds=motion.seconds if verb.seconds is None else verb.seconds,
     )
-    with shown(1.0) as progress:
+    with shown_beside(verb.robot, 1.0) as progress:
         progress.stage(f"{len(drawn)} times {motion.name} on {robot.name}")
         recording, falls = record_motion(robot, play)
         progress.work(1.0)

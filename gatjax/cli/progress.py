@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 
 from rich.progress import (
     BarColumn,
@@ -17,6 +17,7 @@ from rich.progress import (
 )
 
 from gatjax.cli.interrupts import check
+from gatjax.hardware.links import is_hardware
 from gatjax.runs import Progress as Teller
 
 QUIET = 20.0  # s until a log hears of a stage again that goes on
@@ -37,7 +38,7 @@ def shown(total: float) -> Iterator[Teller]:
                 work=lambda units: bar.advance(task, units),
             )
         return
-    with _plain(total) as teller:
+    with lines(total) as teller:
         yield teller
 
 
@@ -60,8 +61,19 @@ def _span(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 60.0 else f"{seconds / 60.0:.1f} min"
 
 
+def shown_beside(robot: str, total: float) -> AbstractContextManager[Teller]:
+    """Show progress of work with a robot; a bar would run over what a person is asked.
+
+    Args:
+        robot: its name, as `--robot` has it.
+        total: work units.
+    """
+    return lines(total) if is_hardware(robot) else shown(total)
+
+
 @contextmanager
-def _plain(total: float) -> Iterator[Teller]:
+def lines(total: float) -> Iterator[Teller]:
+    """Show progress in plain lines."""
     begun, done, named = time.monotonic(), 0.0, ""
     said = begun
 

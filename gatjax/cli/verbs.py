@@ -17,7 +17,7 @@ from gatjax.cli import arguments as verbs
 from gatjax.cli import logs, sharing
 from gatjax.cli.collecting import record, summary
 from gatjax.cli.inputs import check_least, policy_of, robot_named, robot_of, world_of
-from gatjax.cli.progress import shown
+from gatjax.cli.progress import shown, shown_beside
 from gatjax.cli.resume import open_search, resumed
 from gatjax.data.mapping import read_map
 from gatjax.data.recording import read_recording
@@ -63,7 +63,7 @@ def run(verb: verbs.Run) -> None:
     print(f"run folder {folder}", flush=True)
     robot = robot_named(settings.robot, settings.body_seed, folder / "hardware")
     done: list[str] = []
-    with shown(loop.total_work(settings)) as progress:
+    with shown_beside(settings.robot, loop.total_work(settings)) as progress:
 
         def stage(text: str) -> None:
             done.append(text)
@@ -207,7 +207,7 @@ def evaluate(verb: verbs.Evaluate) -> None:
     named = named or {"theta0": THETA0}
     drawn = seeds(EVALUATION, verb.seed, verb.runs)
     found = {}
-    with shown(float(len(named))) as progress:
+    with shown_beside(verb.robot, float(len(named))) as progress:
         for name, theta in named.items():
             progress.stage(f"{name}: {verb.runs} walks of {robot.name}")
             policies = np.tile(theta, (verb.runs, 1))

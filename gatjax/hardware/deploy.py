@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Sequence
 
 import numpy as np
 
-from gatjax.files import read_json, write_json
+from gatjax.files import make_folder, read_json, write_json
 from gatjax.hardware.attendant import Attendant
 from gatjax.hardware.robot import Hardware
 from gatjax.records import Outcome
@@ -20,6 +20,7 @@ Array = Any
 
 HAND_TUNED = "theta0"  # instead of a policy file
 REPORT = "walks.json"  # of what is asked for and of the walks
+ORDER = ("parameters", "forward", "seconds")  # in it: all walks of a folder share them
 
 
 class Asked(NamedTuple):
@@ -106,47 +107,64 @@ def deploy(
     if not named:
         person.say(f"all goes to {out}; if it is stopped, --out {out} goes on")
     task = task_of(robot.period, forward=asked.forward, duration=asked.seconds)
-    walks = np.tile(theta, (asked.walks, 1)), range(asked.walks), task
+    most = max(asked.walks, len(before["walks"]) if before else 0)
+
+    def policies(count: int) -> tuple[Array, Sequence[int], Task]:
+        return np.tile(theta, (count, 1)), range(count), task
+
+    def told() -> list[str]:
+        return _told(out, facts, robot.walked(*policies(most)))
+
+    make_folder(out)
+    told()
     try:
-        robot.walk(*walks)
+        robot.walk(*policies(asked.walks), told)
     except BaseException:
-        for line in _told(out, facts, robot.walked(*walks)):
+        for line in told():
             person.say(line)
         raise
-    lines = _told(out, facts, robot.walked(*walks))
-    return [*lines, f"{out}: frames_*.csv is for gatjax diagnose --data"]
+    return [*told(), f"{out}: frames_*.csv is for gatjax diagnose --data"]
 
 
 def _before(out: Path) -> dict[str, Any]:
-    """Read what a folder says of the walks in it; nothing if it has none."""
+    """Read what a folder says of the walks in it; nothing if it has none.
+
+    Raises:
+        ValueError: one line: a file is there, or another kind of report.
+    """
     if out.exists() and not out.is_dir():
         raise ValueError(f"{out}: is a file, --out needs a folder here")
     path = out / REPORT
-    return read_json(path) if path.is_file() else {}
+    found = read_json(path) if path.is_file() else {}
+    if found and not {"policy", *ORDER, "robot", "walks"} <= set(found):
+        raise ValueError(f"{path}: is of something else; choose another --out")
+    return found if found.get("walks") or any(out.glob("walk_*.npz")) else {}
 
 
 def _check_same(out: Path, before: dict[str, Any], facts: dict[str, Any]) -> None:
     """Refuse a folder whose walks were asked for in another way."""
-    names = {"parameters": "policy", "forward": "forward", "seconds": "seconds"}
-    for key, name in names.items():
-        if before.get(key, facts[key]) != facts[key]:
-            raise ValueError(
-                f"{out}: has walks with {name} {before[name]}, not {facts[name]}; "
-                f"choose another --out"
-            )
-    was, now = before.get("robot", facts["robot"])["identity"], facts["robot"]
-    if was != now["identity"]:
+    for key in ORDER:
+        was, now = before.get(key, facts[key]), facts[key]
+        if was == now:
+            continue
+        if key == "parameters":
+            names = before["policy"], facts["policy"]
+            was, now = names if names[0] != names[1] else (names[0], "as it is now")
         raise ValueError(
-            f"{out}: has walks of robot {was}, this is {now['identity']}; choose "
-            f"another --out"
+            f"{out}: has walks with {key} {was}, not {now}; choose another --out"
+        )
+    was, now = before.get("robot", facts["robot"]), facts["robot"]
+    if was.get("identity") != now["identity"]:
+        raise ValueError(
+            f"{out}: has walks of robot {was.get('identity')}, this is "
+            f"{now['identity']}; choose another --out"
         )
 
 
 def _told(out: Path, facts: dict[str, Any], walks: list[Any]) -> list[str]:
-    """Write `walks.json` of the walks that are there, and say each in a line."""
+    """Write the report of the walks that are there, and say each in a line."""
     there = {number: summary(walk[1]) for number, walk in enumerate(walks) if walk}
-    if there:
-        write_json(out / REPORT, {**facts, "walks": list(there.values())})
+    write_json(out / REPORT, {**facts, "walks": list(there.values())})
     return [f"walk {number + 1}: {said(entry)}" for number, entry in there.items()]
 
 

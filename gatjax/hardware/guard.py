@@ -40,6 +40,7 @@ class Limits(NamedTuple):
     rise: float = 1.0  # s from no power to full power, and back after a crouch
     drop: float = 0.1  # s from full power to none after a fall
     gap: float = 0.2  # s without a frame after which nobody knows where it is
+    astray: float = 0.3  # rad, further from its target no robot is that follows
     powerless: int = 10  # frames that say so of a robot that should have power
 
 
@@ -123,6 +124,8 @@ class Guard:
         self._came = None if frame is None else frame.received
         wrong = self._wrong(frame)
         if wrong is None and frame is not None:
+            if self._bad * self.period > self.limits.gap:
+                self._rejoin(frame.reading.angle)
             self._bad = 0
             self._watch(frame.reading)
             self._frame, self._reading = frame, frame.reading
@@ -131,6 +134,12 @@ class Guard:
         if self._bad >= self.limits.patience:
             self.stop(f"{wrong}, {self._bad} times in a row")
         return None
+
+    def _rejoin(self, angle: Array) -> None:
+        """Go on from where a robot is that did not follow while nobody saw it."""
+        if np.abs(angle - self.sent).max() > self.limits.astray:
+            self.sent = np.clip(angle, nao.LOW, nao.HIGH)
+            self._from, self._shares = self.sent, 0.0
 
     def _wrong(self, frame: Frame | None) -> str | None:
         """Say why a frame should not be acted upon."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import select
 import signal
 import sys
 import time
@@ -16,18 +17,17 @@ SLEEPS = [signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU]
 """What would stop this process, and leave the robot alone."""
 STDERR = 2  # its file
 AGAIN = 0.3  # s after which a Ctrl-C is another one
-CROUCHES = b"\nit crouches; another Ctrl-C takes its power at once: hold it then\n"
-LIMP = b"\nits power is off\n"
 SWITCH = 5e-4  # s that another thread may keep Python from the loop; else 5 ms
 
 
 @contextmanager
-def interruptible(stop: Callable[[bool], None]) -> Iterator[None]:
+def interruptible(stop: Callable[[bool], str]) -> Iterator[None]:
     """Let whatever would end this process be told to `stop` instead.
 
     Args:
-        stop: told whether the power should go at once. Only a second Ctrl-C of a person
-            means that: a terminal that closes may send its signal twice.
+        stop: told whether the power should go at once, says what it does. Only a second
+            Ctrl-C of a person means that: a terminal that closes may send its signal
+            twice.
     """
     first: list[float] = []
 
@@ -37,9 +37,12 @@ def interruptible(stop: Callable[[bool], None]) -> Iterator[None]:
         again = number == signal.SIGINT and bool(first) and now - first[0] > AGAIN
         if number == signal.SIGINT and not first:
             first.append(now)
-        stop(again)
-        with suppress(OSError):  # nobody may read it; print is not for here
-            os.write(STDERR, LIMP if again else CROUCHES)
+        told = stop(again)
+        # Nobody may read it, and a terminal that stands still must not hold the robot
+        # up; print is not for here.
+        with suppress(OSError, ValueError):
+            if select.select([], [STDERR], [], 0.0)[1]:
+                os.write(STDERR, f"\n{told}\n".encode())
 
     before = {number: signal.signal(number, handle) for number in ENDS}
     before.update({number: signal.signal(number, signal.SIG_IGN) for number in SLEEPS})

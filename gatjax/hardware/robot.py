@@ -57,12 +57,13 @@ class Hardware:
         return standing_nao()
 
     def walk(
-        self, policies: Array, seeds: Sequence[int], task: Task = Task()
-    ) -> tuple[Trajectory, Outcome]:
+        self, policies: Array, seeds: Sequence[int], task: Task = Task(),
+        done: Callable[[], Any] = lambda: None,
+    ) -> tuple[Trajectory, Outcome]:  # fmt: skip
         """Walk policies [N, 15], one after the other.
 
         A walk that is there already, of the same policy and seed, is not walked again:
-        so what was interrupted goes on.
+        so what was interrupted goes on. `done` is called after each that is kept.
 
         Returns:
             Trajectory [N, T, ...] and Outcome [N].
@@ -87,6 +88,7 @@ class Hardware:
                     told = f"walk {number + 1} of {len(orders)}"
                     entry = walks[number] or kept(self.folder, order)  # asked twice
                     walks[number] = self._one(session, number, order, entry, told)
+                    done()
         return stacked(walks)
 
     def walked(

@@ -234,10 +234,17 @@ class Session:
         if trouble is not None:
             raise trouble
 
-    def stop(self, at_once: bool) -> None:
-        """Let somebody who ends this process end what the robot does."""
+    def stop(self, at_once: bool) -> str:
+        """Let somebody who ends this process end what the robot does; say how."""
         self.interrupted = True
+        if self.guard.share <= 0.0:
+            told = "it has no power, and gets none"
+        elif at_once:
+            told = "its power is off"
+        else:
+            told = "it crouches; another Ctrl-C takes its power at once: hold it then"
         self.guard.stop(INTERRUPTED, Mode.LIMP if at_once else Mode.CROUCH)
+        return told
 
     def _check(self) -> None:
         """Bring a robot to rest that must not go on, and say why."""

@@ -72,6 +72,9 @@ class Terminal:
 
     def _say_on(self) -> None:
         """Write what the terminal takes now: Ctrl-S, or a slow line, holds nobody."""
+        if sys.stderr is None:  # nobody listens
+            self._unsaid = b""
+            return
         try:
             place = sys.stderr.fileno()
         except (OSError, ValueError):  # no file: a notebook, say
