@@ -1,6 +1,7 @@
 """Trials of the loop as the paper counts them: columns, intervals and paired tests."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +9,8 @@ import pytest
 from gatjax import runs
 from gatjax.benchmark import transfer
 from gatjax.benchmark.transfer import Found, line, paired, trial_of
+
+TABLE1 = Path(__file__).parents[1] / "experiments" / "table1"
 
 
 def found(gain, generation=2, confirmed=None, confirmed_falls=None):
@@ -113,6 +116,22 @@ def test_failures_are_compared_in_the_trials_where_they_differ():
         paired([stands], [stands, fails])
 
 
+def test_falls_are_compared_trial_by_trial():
+    often = [found(10.0)._replace(falls=falls) for falls in (5, 6, 4, 7, 5, 6)]
+    test = paired([found(10.0)] * 6, often)  # 3 of 10 walks
+    assert test.fallen.mean == pytest.approx(-25.0)
+    assert test.p_fallen == pytest.approx(2 / 2**6)
+    assert paired(often, often).p_fallen == 1.0
+
+
+def test_falls_of_the_paper_size_are_those_that_its_readme_tells():
+    """Dagger's candidates fall less often than GAT's: -28 points, p 0.004."""
+    trials = transfer.read_trials(TABLE1 / "paper")["stiff"].values()
+    test = paired([each["dagger"] for each in trials], [each["gat"] for each in trials])
+    assert round(test.fallen.mean) == -28 and round(test.p_fallen, 3) == 0.004
+    assert (round(test.fallen.low), round(test.fallen.high)) == (-39, -17)
+
+
 def test_the_document_has_a_line_a_method_beside_the_paper(tmp_path):
     for trial, gain in enumerate((10.0, 20.0)):
         methods = {"none": found(None), "gat": found(gain, 1, gain, 0)}
@@ -128,4 +147,4 @@ def test_the_document_has_a_line_a_method_beside_the_paper(tmp_path):
     )
     assert "15.0 (10.0 to 20.0)" in gat and "22.5, 1, 2.7" in gat
     assert "| 2        |" in none
-    assert "none - gat" in text
+    assert "none - gat" in text and "falls, points" in text

@@ -1,10 +1,14 @@
 """Packages that do not go together are told, before anything is compiled."""
 
+import sys
 from importlib import metadata
 
+import mujoco
 import pytest
 
-from gatjax.cli import doctor
+from gatjax.cli import doctor, main
+from gatjax.loop import setting
+from gatjax.settings import LoopSettings
 from gatjax.sim import mjx, versions
 
 REQUIRES = {
@@ -64,7 +68,39 @@ def test_mjx_refuses_them_and_doctor_says_so(monkeypatch):
         monkeypatch.setattr(module, "mismatch", lambda: words)
     with pytest.raises(ValueError, match=r"0\.9\.0 is installed"):
         mjx.check_machine("jax")
-    assert ("versions", words) in _first(doctor.examine(), 9)
+    found = _first(doctor.examine(), 12)
+    assert ("versions", words) in found
+    assert dict(found)["backend"].startswith("refused, see versions")
+
+
+def test_auto_does_not_take_native_where_a_gpu_may_have_been_left_out(monkeypatch):
+    words = "jax 0.10.2 needs jax-cuda12-plugin ==0.10.2, 0.9.0 is installed"
+    monkeypatch.setattr(setting, "mismatch", lambda: words)
+    with pytest.raises(ValueError, match=r"0\.9\.0 is .*--backend native"):
+        setting.resolved(LoopSettings())
+    assert setting.resolved(LoopSettings(backend="native")).backend == "native"
+
+
+class Aged:
+    """Import hook: MJX looks for what this MuJoCo does not have."""
+
+    def find_spec(self, name, path, target=None):
+        if name == "mujoco.mjx":
+            raise AttributeError("mujoco has no mjtSleepPolicy")
+
+
+def test_an_mjx_that_cannot_be_imported_is_one_line(monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr(sys, "meta_path", [Aged(), *sys.meta_path])
+    for name in ("mujoco.mjx", "gatjax.sim.mjx"):
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.delattr(mujoco, "mjx")
+    assert main(["search", "--backend", "mjx", "--out", str(tmp_path)]) == 1
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "mjtSleepPolicy); install" in said
+    assert "internal error" not in said
+    found = dict(_first(doctor.examine(), 12))
+    assert found["MJX-Warp"].startswith("broken: mujoco-mjx does not go with mujoco")
+    assert "backend" in found
 
 
 @pytest.mark.parametrize(

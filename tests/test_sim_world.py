@@ -4,6 +4,7 @@ import dataclasses
 import errno
 import json
 import os
+import re
 import shutil
 
 import jax
@@ -322,20 +323,39 @@ def test_a_file_that_is_missing_or_cut_off_is_refused(tmp_path):
 SPECIAL = """
 <mujoco><worldbody><body><freejoint/><geom size="0.1"/>
   <body><joint name="a" axis="0 0 1"/><geom size="0.1"/></body></body></worldbody>
-  <actuator>{motor}</actuator></mujoco>"""
+  <actuator>{motor}</actuator><sensor>{sensor}</sensor></mujoco>"""
 DELAYED = '<position joint="a" kp="1" delay="0.02" nsample="10"/>'
 DC = '<dcmotor joint="a" input="voltage" nominal="12 1 5"/>'
 
 
-@pytest.mark.parametrize("motor, word", [(DELAYED, "actuator delay"), (DC, "dcmotor")])
-def test_mjx_names_what_it_would_drop(motor, word):
-    model = mujoco.MjModel.from_xml_string(SPECIAL.format(motor=motor))
+LATE = '<jointpos joint="a" delay="0.02" nsample="10"/>'
+RARE = '<jointpos joint="a" interval="0.05" nsample="2"/>'
+
+
+@pytest.mark.parametrize(
+    "motor, sensor, word",
+    [
+        (DELAYED, "", "actuator delay"),
+        (DC, "", "dcmotor"),
+        ("", LATE, "sensor delay .*measurement_delay"),
+        ("", RARE, "sensor interval"),
+    ],
+)
+def test_mjx_names_what_it_would_drop(motor, sensor, word):
+    text = SPECIAL.format(motor=motor, sensor=sensor)
+    model = mujoco.MjModel.from_xml_string(text)
     (lost,) = dropped_by_mjx(model)
-    assert word in lost
+    assert re.match(word, lost)
     world = dataclasses.replace(nominal(), model=model)
     with pytest.raises(ValueError, match=f"{word}.*use --backend native") as caught:
         prepare(world, "mjx").outcome(world.values, *batch(1))
     assert "\n" not in str(caught.value)
+
+
+def test_an_interval_without_samples_does_nothing_in_either_engine():
+    sensor = RARE.replace(' nsample="2"', "")
+    text = SPECIAL.format(motor="", sensor=sensor)
+    assert dropped_by_mjx(mujoco.MjModel.from_xml_string(text)) == []
 
 
 def test_mjx_drops_nothing_of_the_nao():

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 
 from gatjax import speed
 from gatjax.cli import main
@@ -94,18 +95,44 @@ def row(**more):
         "backend": "native", "world": "plain", "model": "full", "worlds": 256,
         "generation_s": 2.0,
         "closed_steps_per_s": 1000.0, "bare_steps_per_s": 2000.0,
+        "closed_robot_s_per_s": 5.0, "bare_robot_s_per_s": 8.0,
         "closed_over_bare": 2.0, "compile_s": 3.0, "stages_s": stages,
     } | more  # fmt: skip
 
 
 def test_the_table_says_where_the_time_goes(tmp_path):
-    loop = row(backend="environment", bare_steps_per_s=None, closed_over_bare=None,
-               stages_s=None)  # fmt: skip
+    loop = row(backend="environment", bare_robot_s_per_s=None,
+               closed_over_bare=None, stages_s=None)  # fmt: skip
     _, first, second = speed.table([row(), loop]).splitlines()
     assert "physics 50%, control 25%, search 5%, rest 20%" in first
-    assert " 2.00 " in first and "environment" in second
+    assert first.split()[3:8] == ["256", "1,000", "5", "8", "2.00"]
+    assert "environment" in second
     speed.draw([row(), loop], tmp_path / "bench.png")
     assert (tmp_path / "bench.png").read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.parametrize(
+    ("counter", "each"), [((10.0, 70.0), 20.0), ((90.0, 5.0), None), ((None,), None)]
+)
+def test_energy_is_that_of_one_call(monkeypatch, counter, each):
+    """None where a counter ran over or there is none: then nothing is run."""
+    reads, calls = iter(counter), []
+    monkeypatch.setattr(bench.machine, "joules", lambda: next(reads))
+    assert bench.energy(lambda: calls.append(1)) == each
+    assert len(calls) == (0 if counter == (None,) else bench.REPEATS)
+
+
+def test_the_picture_compares_what_robots_live_through(monkeypatch, tmp_path):
+    """A light world's steps are longer: steps a second are no measure."""
+    seen = []
+    barh = Axes.barh
+    monkeypatch.setattr(
+        Axes,
+        "barh",
+        lambda *given, **more: seen.append(given[2]) or barh(*given, **more),
+    )
+    speed.draw([row()], tmp_path / "bench.png")
+    assert seen[0] == 5.0
 
 
 def test_the_verb_measures_and_writes(tmp_path, capsys):
@@ -114,10 +141,12 @@ def test_the_verb_measures_and_writes(tmp_path, capsys):
     assert main(["bench", *size, "--models", "full", "light", "--json", str(out)]) == 0
     assert "native       plain" in capsys.readouterr().out
     found = read_json(out)
-    assert found["schema"] == "gatjax.bench/2"
+    assert found["schema"] == "gatjax.bench/3"
     assert found["machine"]["cores"] >= 1 and found["machine"]["versions"]["jax"]
     for only, steps in zip(found["rows"], (5, 4), strict=True):
         assert sum(only["stages_s"].values()) == pytest.approx(only["generation_s"])
-        bare, closed = only["bare_steps_per_s"] / 5, only["closed_steps_per_s"] / steps
+        bare, closed = only["bare_robot_s_per_s"], only["closed_robot_s_per_s"]
         assert only["closed_over_bare"] == pytest.approx(bare / closed)
+        assert only["closed_steps_per_s"] == pytest.approx(closed * steps / 0.02)
+        assert only["bare_steps_per_s"] == pytest.approx(bare * 5 / 0.02)
     assert out.with_suffix(".png").is_file()

@@ -28,7 +28,7 @@ COLUMNS = (
 )  # fmt: skip
 TESTS = (
     "paired", "trials", "gain, %", "p of that", "gain on fresh walks, %",
-    "p of that", "fails less to more often", "p of that",
+    "p of that", "fails less to more often", "p of that", "falls, points", "p of that",
 )  # fmt: skip
 
 
@@ -46,6 +46,11 @@ class Found(NamedTuple):
     def failed(self) -> bool:
         """Whether there is no stable improvement."""
         return self.gain is None or self.gain <= 0.0
+
+    @property
+    def fallen(self) -> float:
+        """Share of the candidates' walks that fell, %."""
+        return 100.0 * self.falls / self.walks
 
     @property
     def useful(self) -> float:
@@ -163,6 +168,8 @@ class Paired(NamedTuple):
     fewer: int  # trials in which only the other failed
     more: int  # trials in which only this one failed
     p_failures: float  # two-sided exact McNemar
+    fallen: Interval  # points: falls of candidates' walks, this minus the other
+    p_fallen: float  # as of gains
 
 
 def paired(these: Sequence[Found], others: Sequence[Found], seed: int = 0) -> Paired:
@@ -179,9 +186,11 @@ def paired(these: Sequence[Found], others: Sequence[Found], seed: int = 0) -> Pa
     told = fewer + more
     p_failures = stats.binomtest(fewer, told).pvalue if told else 1.0
     kept = np.array([a.kept - b.kept for a, b in zip(these, others, strict=True)])
+    fallen = np.array([a.fallen - b.fallen for a, b in zip(these, others, strict=True)])
     return Paired(
         len(apart), mean(apart.tolist(), seed), _flipped(apart, seed),
         mean(kept.tolist(), seed), _flipped(kept, seed), fewer, more, float(p_failures),
+        mean(fallen.tolist(), seed), _flipped(fallen, seed),
     )  # fmt: skip
 
 
@@ -236,6 +245,7 @@ def _section(robot: str, trials: dict[int, dict[str, Found]], against: str) -> s
                 f"{method} - {against}", f"{test.trials}", _shown(test.difference),
                 f"{test.p:.3f}", _shown(test.kept), f"{test.p_kept:.3f}",
                 f"{test.fewer} to {test.more}", f"{test.p_failures:.3f}",
+                _shown(test.fallen), f"{test.p_fallen:.3f}",
             ))  # fmt: skip
     parts = [f"## Simulator to {robot}", table(COLUMNS, lines)]
     parts += [table(TESTS, tests)] if tests else []

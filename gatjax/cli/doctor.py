@@ -30,10 +30,12 @@ def examine() -> Iterator[tuple[str, str]]:
             yield package, importlib.metadata.version(package)
         except importlib.metadata.PackageNotFoundError:
             yield package, "missing; pip install gatjax again"
-    yield "versions", mismatch() or "go together"
+    lacking = mismatch()
+    yield "versions", lacking or "go together"
     yield "devices", ", ".join(str(device) for device in jax.devices())
     yield "MJX-Warp", _warp()
-    yield "backend", f"{default_backend()} (what --backend auto means here)"
+    meant = "refused, see versions" if lacking else default_backend()
+    yield "backend", f"{meant} (what --backend auto means here)"
     task = Task(duration=1.0)
     for name in ("simulator", *ROBOTS):
         yield name, _walk(name, task)

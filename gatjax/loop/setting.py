@@ -16,6 +16,7 @@ from gatjax.runs import Progress
 from gatjax.search import checked
 from gatjax.settings import LoopSettings
 from gatjax.sim.backend import BACKENDS, default_backend
+from gatjax.sim.versions import mismatch
 from gatjax.sim.world import World
 from gatjax.task import Task, task_at
 
@@ -122,6 +123,9 @@ def resolved(settings: LoopSettings) -> LoopSettings:
             f"model {settings.model!r} is unknown; choose from {list(MODELS)}"
         )
     if settings.backend == "auto":
+        lacking = mismatch()  # JAX may have left a GPU out, without a word
+        if lacking is not None:
+            raise ValueError(f"{lacking} (or use --backend native)")
         settings = dataclasses.replace(settings, backend=default_backend())
     if settings.backend not in BACKENDS:
         known = ["auto", *BACKENDS]

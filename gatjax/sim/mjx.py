@@ -26,8 +26,15 @@ from gatjax.sim.course import Engine, Place, course
 from gatjax.sim.versions import mismatch
 from gatjax.sim.world import Values, World, dropped_by_mjx, fields_applied
 
-with contextlib.redirect_stdout(io.StringIO()) as _printed:
-    from mujoco import mjx  # prints why it has no Warp
+try:
+    with contextlib.redirect_stdout(io.StringIO()) as _printed:
+        from mujoco import mjx  # prints why it has no Warp
+except Exception as error:  # any: packages of other ages lack this or that
+    raise ImportError(
+        mismatch()
+        or f"mujoco-mjx does not go with mujoco or jax here ({error}); install them "
+        f"again: pip install -c constraints.txt -e ."
+    ) from error
 
 Array = Any
 Step = Callable[[Any, Any], Any]

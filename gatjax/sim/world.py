@@ -298,6 +298,11 @@ def dropped_by_mjx(model: mujoco.MjModel) -> list[str]:
     found = []
     if np.any(np.asarray(model.actuator_delay) > 0):
         found.append("actuator delay (use the cause command_delay instead)")
+    if np.any(np.asarray(model.sensor_delay) > 0):
+        found.append("sensor delay (use the cause measurement_delay instead)")
+    held = model.sensor_history[:, 0] > 0  # without one the interval does nothing
+    if np.any(held & (model.sensor_interval[:, 0] > 0)):
+        found.append("sensor interval (take the sensor's nsample out)")
     if np.any(model.actuator_biastype == mujoco.mjtBias.mjBIAS_DCMOTOR):
         found.append("dcmotor actuators (use position actuators and effects)")
     return found

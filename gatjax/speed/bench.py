@@ -1,7 +1,9 @@
-"""Steps per second of a search's generation, by engine and world, beside its peers.
+"""Speed of a search's generation, by engine and world, beside its peers.
 
-Times of one row are taken in turns, so that a machine which slows down slows all of
-them; compare ratios, absolute times only from a quiet machine.
+Worlds differ in how long their physics steps are, so speeds are compared in
+robot-seconds a second: what all robots together live through. Times of one row are
+taken in turns, so that a machine which slows down slows all of them; compare ratios,
+absolute times only from a quiet machine.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from gatjax.speed.worlds import Walk, recorded, stepped_as, world_of
 from gatjax.task import Task
 from gatjax.walk.parameters import HIGH, LOW, STEP, THETA0
 
-SCHEMA = "gatjax.bench/2"
+SCHEMA = "gatjax.bench/3"
 REPEATS = 3
 ROLLOUTS = 20  # of a policy at most, as in the paper
 FEWEST = 4  # policies of a search
@@ -118,22 +120,23 @@ def _row(backend: str, world: World, whole: Walk, own: Walk) -> dict[str, Any]:
     if own is not whole:
         calls["physics"] = bare(engine, impl, stepped_as(own, world))
     first = {name: timed(call) for name, call in calls.items()}
-    before = machine.joules()
     best = raced(calls)
-    after = machine.joules()
     closed = best["closed"]
     ticks = count * (world.task.ticks - (engine == "native"))
+    lived = ticks * world.task.control_period
     parts = {"physics": best.get("physics", best["bare"])}
     parts |= {name: best[name] for name in ("control", "search")}
     return _facts(engine, own) | {
         "closed_steps_per_s": ticks * world.substeps / closed,
         "bare_steps_per_s": ticks * whole.world.substeps / best["bare"],
+        "closed_robot_s_per_s": lived / closed,
+        "bare_robot_s_per_s": lived / best["bare"],
         "closed_over_bare": closed / best["bare"],
         "rollouts_per_s": count / closed,
         "generation_s": closed,
         "stages_s": parts | {"rest": closed - sum(parts.values())},
         "compile_s": max(0.0, first["closed"] - closed),
-        "joules": None if before is None or after is None else after - before,
+        "joules": energy(calls["closed"]),
     }
 
 
@@ -149,10 +152,14 @@ def _environment(walk: Walk) -> dict[str, Any]:
     run = peers.environment_loop(walk)
     first = timed(run)
     best = raced({"loop": run})["loop"]
-    steps = len(walk.qpos) * walk.world.task.ticks * walk.world.substeps
+    task = walk.world.task
+    ticks = len(walk.qpos) * task.ticks
     return _facts("mjx", walk) | {
         "backend": ENVIRONMENT, "world": "plain", "model": "full",
-        "closed_steps_per_s": steps / best, "bare_steps_per_s": None,
+        "closed_steps_per_s": ticks * walk.world.substeps / best,
+        "bare_steps_per_s": None,
+        "closed_robot_s_per_s": ticks * task.control_period / best,
+        "bare_robot_s_per_s": None,
         "closed_over_bare": None, "rollouts_per_s": len(walk.qpos) / best,
         "generation_s": best, "stages_s": None,
         "compile_s": max(0.0, first - best), "joules": None,
@@ -165,7 +172,7 @@ def _facts(engine: str, walk: Walk) -> dict[str, Any]:
     return {
         "device": str(jax.devices()[0]) if compiled else "cpu",
         "worlds": len(walk.qpos), "seconds": walk.world.task.duration,
-        "peak_memory_gib": machine.device_memory() if compiled else None,
+        "peak_process_memory_gib": machine.device_memory() if compiled else None,
     }  # fmt: skip
 
 
@@ -196,20 +203,32 @@ def raced(calls: Mapping[str, Call]) -> dict[str, float]:
     return {name: min(each[name] for each in rounds) for name in calls}
 
 
+def energy(call: Call) -> float | None:
+    """Joules of a call, mean of some; None where no counter says, or one ran over."""
+    before = machine.joules()
+    if before is None:
+        return None
+    for _ in range(REPEATS):
+        timed(call)
+    after = machine.joules()
+    return None if after is None or after < before else (after - before) / REPEATS
+
+
 def table(rows: Sequence[dict[str, Any]]) -> str:
     """Lay the rows out for a person."""
     lines = [
         f"{'backend':<12} {'world':<10} {'model':<6} {'worlds':>6} {'steps/s':>11} "
-        f"{'bare':>11} "
+        f"{'robot s/s':>9} {'bare':>9} "
         f"{'time/bare':>9} {'compile s':>9}  where the time goes"
     ]
     for row in rows:
-        bare, ratio = row["bare_steps_per_s"], row["closed_over_bare"]
+        bare, ratio = row["bare_robot_s_per_s"], row["closed_over_bare"]
         lines.append(
             f"{row['backend']:<12} {row['world']:<10} {row['model']:<6} "
             f"{row['worlds']:>6} "
             f"{row['closed_steps_per_s']:>11,.0f} "
-            f"{'-' if bare is None else f'{bare:,.0f}':>11} "
+            f"{row['closed_robot_s_per_s']:>9,.0f} "
+            f"{'-' if bare is None else f'{bare:,.0f}':>9} "
             f"{'-' if ratio is None else f'{ratio:.2f}':>9} "
             f"{row['compile_s']:>9.1f}  {_shares(row)}"
         )

@@ -45,7 +45,7 @@ def _processor() -> str:
 
 
 def device_memory() -> float | None:
-    """Peak device memory in GiB, if the device reports it."""
+    """Peak device memory of the process so far in GiB, if the device reports it."""
     stats = jax.local_devices()[0].memory_stats() or {}
     peak = stats.get("peak_bytes_in_use")
     return None if peak is None else round(peak / 2**30, 3)

@@ -24,14 +24,14 @@ def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
     left, right = figure.subplots(1, 2, sharey=True)
     places = range(len(rows))
     for place, row in zip(places, rows, strict=True):
-        speed, bare = row["closed_steps_per_s"], row["bare_steps_per_s"]
-        left.barh(place, 1e-3 * speed, color="#0072B2")
+        speed, bare = row["closed_robot_s_per_s"], row["bare_robot_s_per_s"]
+        left.barh(place, speed, color="#0072B2")
         if bare:
-            left.plot([1e-3 * bare] * 2, [place - 0.4, place + 0.4], color="black")
+            left.plot([bare] * 2, [place - 0.4, place + 0.4], color="black")
         _stack(right, place, row)
     left.set_yticks(list(places), names)
     left.invert_yaxis()
-    left.set_xlabel("thousand physics steps a second; stroke: bare loop")
+    left.set_xlabel("robot-seconds simulated a second; stroke: bare loop")
     right.set_xlabel("seconds, each part by itself; stroke: a generation")
     for part, colour in INK.items():
         right.barh([0], [0], color=colour, label=WORDS[part])
