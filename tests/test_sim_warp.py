@@ -4,6 +4,7 @@ Warp runs on CPUs, too, slowly: no GPU is needed for the latter, `gatjax[warp]` 
 """
 
 import importlib.util
+import io
 from types import SimpleNamespace
 
 import jax
@@ -77,6 +78,14 @@ def test_auto_takes_warp_where_it_can_run(monkeypatch):
     board = SimpleNamespace(device_kind="NVIDIA H200")
     monkeypatch.setattr(jax, "devices", lambda: [board])
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: name == "warp")
+    monkeypatch.setattr(
+        mjx, "_printed", io.StringIO("Failed to import warp: no libnvrtc")
+    )
+    assert loop.resolved(asked).impl == "jax"
+    assert "is broken: Failed to import warp: no libnvrtc" in str(
+        mjx.lacking_for_warp()
+    )
+    monkeypatch.setattr(mjx, "_printed", io.StringIO())
     assert loop.resolved(asked).impl == "warp"
     assert loop.resolved(LoopSettings(backend="native")).impl == "jax"
     board.device_kind = "AMD Instinct MI300X"
