@@ -1,20 +1,23 @@
 """A search on several hosts: the same numbers, whoever comes, goes or dies."""
 
 import contextlib
+import os
 import re
 import signal
 import socket
 import subprocess
 import sys
 import threading
+from importlib.metadata import version
+from multiprocessing.connection import Client, Listener
 
 import numpy as np
 import pytest
 
 from gatjax.cli import main
 from gatjax.cli.arguments import Work
-from gatjax.cli.sharing import prepared
-from gatjax.hosts import Crew, Task, address_of, serve
+from gatjax.cli.sharing import SAME, prepared
+from gatjax.hosts import Crew, Task, address_of, serve, wire
 
 TASK = Task({"any": 1}, {"world.json": b"{}"})
 POLICIES = np.arange(105.0).reshape(7, 15)
@@ -50,6 +53,17 @@ def crew_of(*runs, expected=None):
         crew.close()
         for thread in threads:
             thread.join(20.0)
+
+
+@contextlib.contextmanager
+def linked():
+    """Both ends of a connection: the leader's, the host's."""
+    with (
+        Listener(("localhost", 0), "AF_INET") as door,
+        Client(door.address, "AF_INET") as host,
+        door.accept() as leader,
+    ):
+        yield leader, host
 
 
 def test_hosts_share_the_policies_of_a_generation():
@@ -88,9 +102,54 @@ def test_a_search_begins_without_hosts_that_do_not_come():
 
 
 def test_more_hosts_than_policies_have_nothing_to_do():
-    with crew_of(costs, costs) as (crew, _, _):
-        found = crew.evaluate(costs, POLICIES[:1], KEYS)
-    np.testing.assert_array_equal(found, costs(POLICIES[:1], KEYS))
+    sizes = []
+
+    def noted(policies, keys):
+        sizes.append(len(policies))
+        return costs(policies, keys)
+
+    with crew_of(noted, noted, noted) as (crew, _, _):
+        found = crew.evaluate(noted, POLICIES[:2], KEYS)
+        np.testing.assert_array_equal(found, costs(POLICIES[:2], KEYS))
+        found = crew.evaluate(noted, POLICIES, KEYS)
+        np.testing.assert_array_equal(found, costs(POLICIES, KEYS))
+    assert sorted(sizes) == [1, 1, 1, 2, 2, 2]
+
+
+def test_answers_to_a_generation_that_failed_here_are_not_those_of_the_next():
+    orders = []
+
+    def full(policies, keys):
+        raise RuntimeError("out of memory")
+
+    def mortal(policies, keys):
+        orders.append(policies)
+        if len(orders) == 2:
+            raise EOFError  # as if it were gone
+        return costs(policies, keys)
+
+    with crew_of(costs, mortal) as (crew, said, _):
+        with pytest.raises(RuntimeError, match="out of memory"):
+            crew.evaluate(full, POLICIES, KEYS)
+        for policies in (POLICIES + 1, POLICIES + 2):
+            found = crew.evaluate(costs, policies, KEYS)
+            np.testing.assert_array_equal(found, costs(policies, KEYS))
+    assert sum("is lost" in line for line in said) == 1
+
+
+def test_a_host_that_hangs_is_not_waited_for_without_end(monkeypatch):
+    monkeypatch.setattr("gatjax.hosts.crew.HUNG", 0.2)
+    wakes = threading.Event()
+
+    def hangs(policies, keys):
+        wakes.wait(60.0)
+        return costs(policies, keys)
+
+    with crew_of(hangs) as (crew, said, _):
+        found = crew.evaluate(costs, POLICIES, KEYS)
+        wakes.set()
+    np.testing.assert_array_equal(found, costs(POLICIES, KEYS))
+    assert any("lost (it did not answer in time)" in line for line in said)
 
 
 def test_what_is_no_answer_is_run_again():
@@ -132,6 +191,53 @@ def test_strangers_do_no_harm(monkeypatch):
     assert any("another GATJAX_SECRET" in line for line in said)
 
 
+def test_a_stranger_that_is_silent_keeps_nobody_out():
+    said = []
+    crew = Crew(0, TASK, said.append)
+    address = ("localhost", crew.port)
+    host = threading.Thread(
+        target=serve, args=(address, lambda task: costs, 20.0, print), daemon=True
+    )
+    with socket.create_connection(address):
+        host.start()
+        crew.wait(1, 20.0)
+        joined = list(said)
+    crew.close()
+    host.join(20.0)
+    assert len(joined) == 1
+    assert "joined" in joined[0]
+
+
+@pytest.mark.skipif(
+    not hasattr(socket, "TCP_USER_TIMEOUT"), reason="this system can't be told"
+)
+def test_the_system_gives_a_silent_end_two_minutes():
+    def told(link, level, option):
+        with socket.socket(fileno=os.dup(link.fileno())) as line:
+            return line.getsockopt(level, getattr(socket, option))
+
+    with linked() as (leader, host):
+        wire.heed(host)
+        wire.hurry(leader)
+        assert told(host, socket.SOL_SOCKET, "SO_KEEPALIVE")
+        idle, between, count = (
+            told(host, socket.IPPROTO_TCP, f"TCP_KEEP{name}")
+            for name in ("IDLE", "INTVL", "CNT")
+        )
+        assert idle + between * count == 120
+        assert told(leader, socket.IPPROTO_TCP, "TCP_USER_TIMEOUT") == 120_000
+        assert told(host, socket.IPPROTO_TCP, "TCP_USER_TIMEOUT") == 0
+
+
+def test_half_a_message_is_not_waited_for_without_end(monkeypatch):
+    monkeypatch.setattr("gatjax.hosts.wire.SILENCE", 1)
+    with linked() as (leader, host):
+        wire.hurry(leader)
+        os.write(host.fileno(), b"\0\0")
+        with pytest.raises(wire.LOST):
+            wire.receive(leader)
+
+
 def test_a_port_that_is_taken_is_said():
     first = Crew(0, TASK, print)
     with pytest.raises(ValueError, match=r"choose another --listen"):
@@ -158,6 +264,26 @@ def test_hosts_have_the_same_versions():
     task = Task({"versions": {"gatjax": "0.0", "mujoco": "1.0"}}, {})
     with pytest.raises(ValueError, match=r"the leader has .*1\.0"):
         prepared(task, Work(leader="a:1"))
+
+
+def test_a_host_whose_memory_is_full_takes_turns(monkeypatch, capsys):
+    def prepare(world, backend, impl, turns):
+        def evaluate(values, policies, keys):
+            if turns < 4:
+                raise RuntimeError("RESOURCE_EXHAUSTED: x")
+            return np.zeros((len(policies), len(keys)))
+
+        return evaluate
+
+    monkeypatch.setattr("gatjax.cli.sharing.prepare", prepare)
+    monkeypatch.setattr("gatjax.cli.sharing.costs", lambda backend: backend)
+    facts = {"versions": {name: version(name) for name in SAME}}
+    task = Task(facts | {"model": "light", "rate_hz": 50.0}, {})
+    run = prepared(task, Work(leader="a:1"))
+    assert run(POLICIES, KEYS).shape == run(POLICIES, KEYS).shape == (7, 3)
+    said = capsys.readouterr().err
+    assert said.count("out of device memory") == 2  # two turns, then four for good
+    assert "6 robots at a time" in said
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from gatjax import search
 from gatjax.loop.memory import frugal
+from gatjax.loop.steps import generation
+from gatjax.settings import LoopSettings, SearchSettings
+from gatjax.sim.backend import Backend
 from gatjax.sim.spread import in_turns
+from gatjax.sim.world import nominal
+from gatjax.walk.parameters import HIGH, LOW, STEP, THETA0
 
 PROGRAM = """
 import json, sys
@@ -133,7 +139,7 @@ def generation_that_fits(most, robots, message):
 def test_a_search_that_does_not_fit_goes_on_in_turns():
     said = []
     message = "RESOURCE_EXHAUSTED: Out of memory while trying to allocate 9 bytes."
-    step = frugal(generation_that_fits(30, 100, message), 100, said.append)
+    step = frugal(generation_that_fits(30, 100, message), lambda *_: 100, said.append)
     assert step(0, None, 0)[1] == 4
     assert step(0, None, 1)[1] == 4
     assert [line.split(" robots")[0][-2:] for line in said] == ["50", "25"]
@@ -145,7 +151,26 @@ def test_a_search_that_does_not_fit_goes_on_in_turns():
 )
 def test_what_turns_do_not_help_is_an_error(message, tried):
     said = []
-    step = frugal(generation_that_fits(0, 5, message), 5, said.append)
+    step = frugal(generation_that_fits(0, 5, message), lambda *_: 5, said.append)
     with pytest.raises(jax.errors.JaxRuntimeError, match=message):
         step(0, None, 0)
     assert len(said) == tried  # two, four, five turns
+
+
+def test_robots_of_all_trials_are_counted_where_memory_runs_out(monkeypatch):
+    def full(values, policies, keys):
+        raise RuntimeError("RESOURCE_EXHAUSTED: x")
+
+    backend = Backend(full, full, full, compiled=True)
+    monkeypatch.setattr("gatjax.loop.steps.prepare", lambda *_: backend)
+    said, world, space = [], nominal(), search.Space(THETA0, STEP, LOW, HIGH)
+    settings = LoopSettings(search=SearchSettings(population=4, rollouts=2))
+    step = generation(settings, world, space, say=said.append, trials=3)
+    state = search.start(space, settings.search, jax.random.key(0))
+    states, values = (
+        jax.tree.map(lambda leaf: jnp.stack([leaf] * 3), tree)
+        for tree in (state, world.values)
+    )
+    with pytest.raises(RuntimeError, match="RESOURCE_EXHAUSTED"):
+        step(states, values, np.int32(0))
+    assert "12 robots at a time" in said[0]  # half of 4 x 2 x 3

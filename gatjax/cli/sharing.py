@@ -21,6 +21,7 @@ from gatjax.cli.inputs import world_of
 from gatjax.cli.resume import GROUNDING
 from gatjax.hosts import Crew, Task
 from gatjax.hosts.crew import Run
+from gatjax.loop.memory import frugal
 from gatjax.loop.steps import Share, searched, unshared
 from gatjax.ranking import Evaluate
 from gatjax.robot.model import SHIPPED, check_walker
@@ -111,7 +112,12 @@ def prepared(task: Task, verb: Work) -> Run:
             )
         )
         world = searched(settings, world)  # reads the model again
-    return _run(costs(prepare(world, settings.backend, settings.impl)), world.values)
+
+    def build(turns: int) -> Run:
+        backend = prepare(world, settings.backend, settings.impl, turns)
+        return _run(costs(backend), world.values)
+
+    return frugal(build, lambda policies, words: len(policies) * len(words), say)
 
 
 def _run(evaluate: Evaluate, values: Any) -> Run:

@@ -10,6 +10,7 @@ import io
 import json
 import os
 import socket
+import struct
 import zipfile
 from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
@@ -18,6 +19,7 @@ import numpy as np
 
 Array = Any
 LARGEST = 1 << 30  # bytes of a message
+SILENCE = 120  # s without a sign of the other end's system, after which it is gone
 LOST = (EOFError, OSError)
 """What a connection raises whose other end is gone."""
 
@@ -32,6 +34,7 @@ class Task(NamedTuple):
 class Order(NamedTuple):
     """Policies to be run, each with the same random numbers."""
 
+    number: int  # which the answer repeats
     policies: Array  # [N, 15]
     keys: Array  # [R, 2] words
 
@@ -79,12 +82,39 @@ def task_of(message: dict[str, np.ndarray]) -> Task:
 
 
 def heed(link: Connection) -> None:
-    """Let the system notice within two minutes that the other end lost its power."""
-    with socket.socket(fileno=os.dup(link.fileno())) as line:
+    """Let the system notice within two minutes that the other end lost its power.
+
+    That is so while nothing is on its way there; for what is, see `hurry`.
+    """
+    with _socket_of(link) as line:
         line.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        for option, value in (("TCP_KEEPIDLE", 60), ("TCP_KEEPINTVL", 15)):
+        for option, value in (
+            ("TCP_KEEPIDLE", SILENCE // 2),
+            ("TCP_KEEPINTVL", SILENCE // 8),
+            ("TCP_KEEPCNT", 4),
+        ):
             if hasattr(socket, option):
                 line.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
+
+
+def hurry(link: Connection) -> None:
+    """Let the system give up what does not get on for two minutes, sent or received.
+
+    For the leader's end, whose orders are read at once and whose answers come in one
+    piece. Not for a host's: the leader reads its answer after its own share, and what
+    does not fit into the buffers until then (some 100 kB) counts as not received.
+    """
+    with _socket_of(link) as line:
+        wait = struct.pack("ll", SILENCE, 0)
+        line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, wait)
+        if hasattr(socket, "TCP_USER_TIMEOUT"):
+            option = socket.TCP_USER_TIMEOUT
+            line.setsockopt(socket.IPPROTO_TCP, option, 1000 * SILENCE)
+
+
+def _socket_of(link: Connection) -> socket.socket:
+    """Return a connection's socket, to set what it does; to be closed."""
+    return socket.socket(fileno=os.dup(link.fileno()))
 
 
 def address_of(text: str) -> tuple[str, int]:

@@ -69,7 +69,8 @@ def _worked(
         wire.send(link, name=me, refusal="")
         say(f"works for {leader}")
         while "end" not in (order := wire.receive(link)):
-            wire.send(link, costs=run(order["policies"], order["keys"]))
+            costs = run(order["policies"], order["keys"])
+            wire.send(link, number=order["number"], costs=costs)
             shares += 1
         return True, shares
     return False, shares

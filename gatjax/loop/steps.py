@@ -67,7 +67,8 @@ def generation(
             return lambda state, *rest: step(everywhere(state, devices), *rest)
         return search.host_generation(space, wanted, share(costs(backend)))
 
-    return frugal(build, wanted.population * wanted.rollouts, say)
+    robots = wanted.population * wanted.rollouts * (trials or 1)
+    return frugal(build, lambda *_: robots, say)
 
 
 def apart(step: search.Generation, values: Any) -> Steps:
