@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
-from mujoco import batch, mjx
+from mujoco import batch
 
 from gatjax import task as tasks
 from gatjax.robot.model import slots
@@ -99,6 +99,7 @@ def environment_loop(walk: Walk) -> Callable[[], np.ndarray]:
 
 def _ticked(model: Any, data: Any, command: Array, substeps: int) -> Any:
     """Physics after one control tick with a command."""
+    from mujoco import mjx  # sim.mjx has loaded it, without what it prints
 
     def step(carry: Any, _: None) -> tuple[Any, None]:
         with jax.numpy_rank_promotion("allow"):
