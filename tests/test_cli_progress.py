@@ -34,3 +34,10 @@ def test_the_time_left_is_told_until_all_is_done(monkeypatch, capsys):
         "[    0 s,   0%", "[   50 s,  20%, about 3.3 min left",
         "[   58 s,  50%, about 58 s left", "[  100 s, 100%",
     ]  # fmt: skip
+
+
+def test_no_bar_runs_over_what_a_person_is_asked(monkeypatch, capsys):
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    with progress.shown_beside("lola:/tmp/nao.sock", 1.0) as teller:
+        teller.stage("2 walks")
+    assert capsys.readouterr().err == "[    0 s,   0%] 2 walks\n"
