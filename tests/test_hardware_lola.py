@@ -206,7 +206,7 @@ def test_deploy_walks_and_logs_every_frame(nao, tmp_path, capsys):
     write_policy(tmp_path, "slow", 0.9 * THETA0, {})
     command[1] = str(tmp_path / "slow.json")
     assert main([*command, *short]) == 1
-    assert "has walks with parameters theta0, not" in capsys.readouterr().err
+    assert "has walks with policy theta0, not" in capsys.readouterr().err
     (out / "walks.json").write_text('{"robot": {}}')
     assert main([*command, *short]) == 1
     assert "is of something else" in capsys.readouterr().err
@@ -231,6 +231,14 @@ def test_a_stop_in_the_last_crouch_hides_no_walk(nao, tmp_path, monkeypatch):
     (told,) = json.loads((out / "walks.json").read_text())["walks"]
     assert told["fell_at_s"] is None
     assert said[-1].startswith("walk 1: ") and "walk 2 of 2" not in said
+    monkeypatch.setattr(Session, "rest", rest)
+    said.clear()
+    deploy(Path("theta0"), f"lola:{nao}", Asked(3, seconds=1.0), out, person)
+    places = [k for k, line in enumerate(said) if line.startswith("walk 2")]
+    assert said[places[0]] == "walk 2 of 3"
+    assert (
+        said[places[1]].startswith("walk 2: ") and said[places[1] + 1] == "walk 3 of 3"
+    )
 
 
 def test_collect_and_evaluate_through_lola(nao, tmp_path, capsys):

@@ -287,6 +287,23 @@ def test_a_robot_that_is_silent_or_not_ours(monkeypatch):
     assert not link.commands  # whoever holds it is not disturbed
     session, link = runs.session()
     link.receive = lambda timeout: None
+    session, link = runs.session()
+
+    def gone(timeout):
+        raise Lost("LoLA closed the connection")
+
+    changed(link, lambda frame: frame, after=0)
+    seen, count = link.receive, [0]
+
+    def receive(timeout):
+        count[0] += 1
+        return seen(timeout) if count[0] < 50 else gone(timeout)
+
+    link.receive = receive
+    with pytest.raises(Lost, match="closed the connection: look whether it has"):
+        runs.walk(session)
+    session, link = runs.session()
+    link.receive = lambda timeout: None
     with pytest.raises(Stopped, match=r"no frame came .* look whether it has crouched"):
         runs.walk(session)
     assert link.nao.told.stiffness.max() == 0.0  # it went down without a frame

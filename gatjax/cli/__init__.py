@@ -18,7 +18,7 @@ from gatjax.cli.arguments import (
     Search,
     SimulateNao,
 )
-from gatjax.cli.interrupts import heeded
+from gatjax.cli.interrupts import check, heeded
 from gatjax.cli.parsing import parse
 from gatjax.hardware.links import is_hardware
 
@@ -66,6 +66,7 @@ def _act(chosen: Any) -> None:
     from gatjax.cli.verbs import act
 
     heed_engine()
+    check()  # what was pressed while all that was loaded
     act(chosen)
 
 

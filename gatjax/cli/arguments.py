@@ -270,6 +270,7 @@ class Deploy:
     robot: str = "lola"
     """lola, simspark or simspark-v4, with or without an address (gatjax collect)."""
     walks: int = 1
+    """How many; the robot is put up again for each."""
     forward: float = 0.75
     """Forward request, a share of the policy's top speed."""
     seconds: float = 7.5

@@ -20,7 +20,11 @@ _pressed = threading.Event()
 
 @contextmanager
 def heeded() -> Iterator[None]:
-    """Remember Ctrl-C and SIGTERM while the block runs."""
+    """Remember Ctrl-C and SIGTERM while the block runs.
+
+    An error of the block may be all that is left of one: libraries that are being
+    loaded make one of it.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -33,6 +37,9 @@ def heeded() -> Iterator[None]:
     before = {number: signal.signal(number, handle) for number in ENDS}
     try:
         yield
+    except Exception:
+        check()
+        raise
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

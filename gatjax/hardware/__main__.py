@@ -23,7 +23,7 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("policy", type=Path, help="policy JSON of a run, or theta0")
     parser.add_argument("--robot", default="lola", help=FORMS)
-    parser.add_argument("--walks", type=int, default=1)
+    parser.add_argument("--walks", type=int, default=1, help="how many")
     parser.add_argument(
         "--forward", type=float, default=0.75, help="share of the policy's top speed"
     )

@@ -115,10 +115,15 @@ def deploy(
     def told() -> list[str]:
         return _told(out, facts, robot.walked(*policies(most)))
 
+    def done(number: int) -> None:
+        line = told()[number]
+        if number + 1 < asked.walks:  # the last one is said at the end
+            person.say(line)
+
     make_folder(out)
     told()
     try:
-        robot.walk(*policies(asked.walks), told)
+        robot.walk(*policies(asked.walks), done)
     except BaseException:
         for line in told():
             person.say(line)
@@ -147,11 +152,13 @@ def _check_same(out: Path, before: dict[str, Any], facts: dict[str, Any]) -> Non
         was, now = before.get(key, facts[key]), facts[key]
         if was == now:
             continue
+        name = key
         if key == "parameters":
+            name = "policy"
             names = before["policy"], facts["policy"]
             was, now = names if names[0] != names[1] else (names[0], "as it is now")
         raise ValueError(
-            f"{out}: has walks with {key} {was}, not {now}; choose another --out"
+            f"{out}: has walks with {name} {was}, not {now}; choose another --out"
         )
     was, now = before.get("robot", facts["robot"]), facts["robot"]
     if was.get("identity") != now["identity"]:

@@ -58,12 +58,12 @@ class Hardware:
 
     def walk(
         self, policies: Array, seeds: Sequence[int], task: Task = Task(),
-        done: Callable[[], Any] = lambda: None,
+        done: Callable[[int], Any] = lambda number: None,
     ) -> tuple[Trajectory, Outcome]:  # fmt: skip
         """Walk policies [N, 15], one after the other.
 
         A walk that is there already, of the same policy and seed, is not walked again:
-        so what was interrupted goes on. `done` is called after each that is kept.
+        so what was interrupted goes on. `done` hears the number of each that is there.
 
         Returns:
             Trajectory [N, T, ...] and Outcome [N].
@@ -88,7 +88,7 @@ class Hardware:
                     told = f"walk {number + 1} of {len(orders)}"
                     entry = walks[number] or kept(self.folder, order)  # asked twice
                     walks[number] = self._one(session, number, order, entry, told)
-                    done()
+                    done(number)
         return stacked(walks)
 
     def walked(
@@ -236,8 +236,8 @@ class Hardware:
             )
         if tail > 1e3 * limit:
             self.attendant.say(
-                f"one answer of a hundred takes {tail:.0f} ms, {1e3 * limit:.0f} are "
-                f"there: a walk may be stopped; end what else this computer does"
+                f"one answer of a hundred takes {tail:.0f} ms, {1e3 * limit:.1f} are "
+                f"allowed: a walk may be stopped; end what else this computer does"
             )
 
     def _check_person(self, base: Base | None) -> None:

@@ -22,6 +22,7 @@ WAITS = 20.0  # s that a robot which waits for answers may take for a frame
 FRAME, LATE = 1.0, 1.5  # periods to the frame after a missing one, to any other
 RISE = 1.0  # rad/s on the way to the first pose
 INTERRUPTED = "Ctrl-C was pressed"
+LOOK = "look whether it has crouched"
 GONE = 1.0  # s without a frame after which nobody knows how the robot is
 
 
@@ -201,6 +202,8 @@ class Session:
             finally:
                 self.rest()
         except Exception as error:
+            if why is None and isinstance(error, Lost):
+                raise Lost(f"{error}: {LOOK}") from error
             if why is None:
                 raise
             late = error
@@ -258,7 +261,7 @@ class Session:
             raise KeyboardInterrupt
         why = self.guard.why
         if self._silent * self.link.period > GONE:
-            why += "; nothing has come since: look whether it has crouched"
+            why += f"; nothing has come since: {LOOK}"
         if self.interrupted:
             raise KeyboardInterrupt(why)
         raise Stopped(f"stopped, since {why}")
