@@ -57,11 +57,20 @@ def make_folder(path: Path) -> None:
     Raises:
         ValueError: one line: a file is there, or nothing can be written.
     """
-    if path.exists() and not path.is_dir():
-        raise ValueError(f"{path}: is a file, --out needs a folder here")
+    check_folder(path)
     path.mkdir(parents=True, exist_ok=True)
     if not os.access(path, os.W_OK):
         raise ValueError(f"{path}: no permission to write there; choose another folder")
+
+
+def check_folder(path: Path) -> None:
+    """Refuses a file where --out means a folder, there or not yet.
+
+    Raises:
+        ValueError: one line: a file is there.
+    """
+    if path.exists() and not path.is_dir():
+        raise ValueError(f"{path}: is a file, --out needs a folder here")
 
 
 def as_json(value: Any) -> Any:

@@ -286,20 +286,11 @@ def test_a_robot_that_is_silent_or_not_ours(monkeypatch):
         first_frame(link)
     assert not link.commands  # whoever holds it is not disturbed
     session, link = runs.session()
-    link.receive = lambda timeout: None
-    session, link = runs.session()
 
-    def gone(timeout):
+    def gone(frame):
         raise Lost("LoLA closed the connection")
 
-    changed(link, lambda frame: frame, after=0)
-    seen, count = link.receive, [0]
-
-    def receive(timeout):
-        count[0] += 1
-        return seen(timeout) if count[0] < 50 else gone(timeout)
-
-    link.receive = receive
+    changed(link, gone, after=50)
     with pytest.raises(Lost, match="closed the connection: look whether it has"):
         runs.walk(session)
     session, link = runs.session()

@@ -129,7 +129,6 @@ def main() -> None:
         settings = settings_of(told, bar)
         PARTS[told.part](settings)
     if told.part == "walk":
-        (told.out / "results").mkdir(exist_ok=True)
         folders = [setting.folder for setting in settings]
         found = dict(zip(told.trials, folders, strict=True))
         text = tell(told.out, told.robot, found, told.methods)

@@ -180,17 +180,19 @@ def paired(these: Sequence[Found], others: Sequence[Found], seed: int = 0) -> Pa
     """
     if len(these) != len(others) or not these:
         raise ValueError("paired tests need the same trials of both methods")
-    apart = np.array([a.useful - b.useful for a, b in zip(these, others, strict=True)])
-    fewer = sum(b.failed and not a.failed for a, b in zip(these, others, strict=True))
-    more = sum(a.failed and not b.failed for a, b in zip(these, others, strict=True))
+    both = list(zip(these, others, strict=True))
+
+    def apart(field: str) -> tuple[Interval, float]:
+        each = np.array([getattr(a, field) - getattr(b, field) for a, b in both])
+        return mean(each.tolist(), seed), _flipped(each, seed)
+
+    fewer = sum(b.failed and not a.failed for a, b in both)
+    more = sum(a.failed and not b.failed for a, b in both)
     told = fewer + more
     p_failures = stats.binomtest(fewer, told).pvalue if told else 1.0
-    kept = np.array([a.kept - b.kept for a, b in zip(these, others, strict=True)])
-    fallen = np.array([a.fallen - b.fallen for a, b in zip(these, others, strict=True)])
     return Paired(
-        len(apart), mean(apart.tolist(), seed), _flipped(apart, seed),
-        mean(kept.tolist(), seed), _flipped(kept, seed), fewer, more, float(p_failures),
-        mean(fallen.tolist(), seed), _flipped(fallen, seed),
+        len(both), *apart("useful"), *apart("kept"), fewer, more, float(p_failures),
+        *apart("fallen"),
     )  # fmt: skip
 
 

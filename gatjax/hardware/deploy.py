@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Sequence
 
 import numpy as np
 
-from gatjax.files import make_folder, read_json, write_json
+from gatjax.files import check_folder, make_folder, read_json, write_json
 from gatjax.hardware.attendant import Attendant
 from gatjax.hardware.robot import Hardware
 from gatjax.records import Outcome
@@ -137,8 +137,7 @@ def _before(out: Path) -> dict[str, Any]:
     Raises:
         ValueError: one line: a file is there, or another kind of report.
     """
-    if out.exists() and not out.is_dir():
-        raise ValueError(f"{out}: is a file, --out needs a folder here")
+    check_folder(out)
     path = out / REPORT
     found = read_json(path) if path.is_file() else {}
     if found and not {"policy", *ORDER, "robot", "walks"} <= set(found):

@@ -24,7 +24,7 @@ from gatjax.sim import episode
 from gatjax.sim.actuation import State, actuation
 from gatjax.sim.course import Engine, Place, course
 from gatjax.sim.versions import mismatch
-from gatjax.sim.world import Values, World, dropped_by_mjx, fields_applied
+from gatjax.sim.world import Values, World, fields_applied
 
 try:
     with contextlib.redirect_stdout(io.StringIO()) as _printed:
@@ -49,6 +49,21 @@ def check(world: World, impl: str) -> None:
     if lost:
         raise ValueError(f"MJX can't represent {', '.join(lost)}; use --backend native")
     check_machine(impl)
+
+
+def dropped_by_mjx(model: mujoco.MjModel) -> list[str]:
+    """Name what MJX would silently ignore or refuse in a model."""
+    found = []
+    if np.any(np.asarray(model.actuator_delay) > 0):
+        found.append("actuator delay (use the cause command_delay instead)")
+    if np.any(np.asarray(model.sensor_delay) > 0):
+        found.append("sensor delay (use the cause measurement_delay instead)")
+    held = model.sensor_history[:, 0] > 0  # without one the interval does nothing
+    if np.any(held & (model.sensor_interval[:, 0] > 0)):
+        found.append("sensor interval (take the sensor's nsample out)")
+    if np.any(model.actuator_biastype == mujoco.mjtBias.mjBIAS_DCMOTOR):
+        found.append("dcmotor actuators (use position actuators and effects)")
+    return found
 
 
 def check_machine(impl: str) -> None:

@@ -293,21 +293,6 @@ def fields_applied(world: World) -> mujoco.MjModel:
     return changed
 
 
-def dropped_by_mjx(model: mujoco.MjModel) -> list[str]:
-    """Name what MJX would silently ignore or refuse in a model."""
-    found = []
-    if np.any(np.asarray(model.actuator_delay) > 0):
-        found.append("actuator delay (use the cause command_delay instead)")
-    if np.any(np.asarray(model.sensor_delay) > 0):
-        found.append("sensor delay (use the cause measurement_delay instead)")
-    held = model.sensor_history[:, 0] > 0  # without one the interval does nothing
-    if np.any(held & (model.sensor_interval[:, 0] > 0)):
-        found.append("sensor interval (take the sensor's nsample out)")
-    if np.any(model.actuator_biastype == mujoco.mjtBias.mjBIAS_DCMOTOR):
-        found.append("dcmotor actuators (use position actuators and effects)")
-    return found
-
-
 def write_world(path: Path, world: World, made_by: dict, grounding: str | None) -> None:
     """Write world.json, whole or not at all."""
     source = world.source
