@@ -104,6 +104,7 @@ REFUSED = {
     "dropped_commands": "hits ticks", "command_noise": "hits ticks",
     "imu_misalignment": "no joint", "ground_friction": "no joint",
     "ground_compliance": "no joint", "sole_geometry": "no joint",
+    "current_limit": "no law of the single joint",
 }  # fmt: skip
 
 

@@ -1,9 +1,9 @@
-"""Load friction by what reaches the link, against the equation that defines it."""
+"""Laws of what a motor pulls with and a gear hands on, against their equations."""
 
 import numpy as np
 import pytest
 
-from gatjax.effects.joint import load_friction
+from gatjax.effects.joint import current_limit, load_friction, pull
 from gatjax.records import Drive, Servo
 
 PERIOD, DRY, VISCOUS, ROTOR = 0.001, 0.2, 0.5, 0.03
@@ -68,3 +68,20 @@ def test_without_a_coefficient_there_is_no_load_friction():
     for of_link in (0.0, 1.0):
         for friction in against(0.0, driven(PULLED, 0.5), of_link=of_link):
             assert friction == pytest.approx(DRY)
+
+
+@pytest.mark.parametrize("speed", [-4.0, -0.6, 0.0, 0.6, 4.0])
+def test_a_current_limit_is_of_torque_less_back_emf(speed):
+    drive = driven(PULLED, speed)
+    _, out = current_limit().apply(np.full(len(PULLED), 1.5), (), drive)
+    current = PULLED - VISCOUS * speed
+    assert pull(out) - VISCOUS * speed == pytest.approx(np.clip(current, -1.5, 1.5))
+    assert out.load == pytest.approx(drive.load)
+    _, free = current_limit().apply(np.full(len(PULLED), np.inf), (), drive)
+    assert pull(free) == pytest.approx(PULLED)
+
+
+def test_a_motor_that_its_load_turns_back_brakes_within_its_current_limit():
+    """Back EMF adds to what the servo asks for; a torque limit alone lets it."""
+    _, out = current_limit().apply(np.array([1.5]), (), driven([1.4], -1.0))
+    assert pull(out) == pytest.approx([1.0])  # and 0.5 of back EMF

@@ -123,6 +123,20 @@ def test_the_page_shows_it_in_every_part(tmp_path):
     assert "The commands come 36 ms late" in other
 
 
+def test_the_page_says_what_torques_the_search_kept_to(tmp_path):
+    folder = write_explained(tmp_path)
+    assert "kept to the torques" not in shown(page_of(folder))
+    knees = {"where": ["LKneePitch", "RKneePitch"], "values": {"limit": 2.553}}
+    rows = [
+        {"cause": "torque_limit", "where": ["all"], "values": {"limit": 3.7}},
+        {"cause": "current_limit", "role": "bound"} | knees,
+    ]
+    (folder / "extended.json").write_text(json.dumps({"effects": rows}))
+    text = shown(page_of(folder))
+    assert "under more: 2.55 N m (LKneePitch, RKneePitch)." in text
+    assert "3.70" not in text
+
+
 def test_the_page_says_why_there_is_none(tmp_path):
     folder = write_run(tmp_path, theta0=THETA0, gat=GOOD)
     (folder / "config.json").write_text('{"seed": 3, "explain": true}')

@@ -43,7 +43,7 @@ def walks(method, generation, candidate, velocities, falls):
 
 
 def run_of(rollouts, **config):
-    return Run(Path("run"), config, {}, {}, [], [], rollouts, {}, [], {}, "")
+    return Run(Path("run"), config, {}, {}, [], [], rollouts, {}, [], {}, "", {})
 
 
 def rollouts_of(chosen=None, **methods):

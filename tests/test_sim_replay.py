@@ -47,6 +47,7 @@ VALUES = {  # of every cause that acts on an arm without sensors and ground
     "speed_limit": {"limit": 3.0},
     "viscous_friction": {"coefficient": 0.2}, "coulomb_friction": {"torque": 0.15},
     "stiction": {"excess": 0.5, "velocity": 0.5}, "load_friction": {"coefficient": 0.3},
+    "current_limit": {"limit": 0.5},
     "backlash": {"width": 0.05}, "dead_band": {"half_width": 0.02},
     "command_quantization": {"step": 0.07}, "joint_elasticity": {"stiffness": 30.0},
     "torque_ripple": {"amplitude": 0.3}, "asymmetric_friction": {"torque": -0.3},
@@ -197,7 +198,7 @@ MIX = [
     "coulomb_friction", "stiction", "load_friction", "backlash", "dead_band",
     "command_quantization", "joint_elasticity", "torque_ripple", "asymmetric_friction",
     "payload", "com_shift", "armature", "gravity_tilt", "thermal_derating",
-    "supply_sag", "clock_drift", "torque_saturation",
+    "supply_sag", "clock_drift", "torque_saturation", "current_limit",
 ]  # fmt: skip
 
 
@@ -223,7 +224,7 @@ def backends(arm):
     [], ["backlash"], ["joint_elasticity"], ["stiction"], ["load_friction"],
     ["payload", "com_shift", "armature", "gravity_tilt"],
     ["thermal_derating", "supply_sag", "speed_limit", "torque_limit"],
-    ["torque_saturation"],
+    ["torque_saturation"], ["current_limit"],
     ["encoder_offset", "encoder_scale", "measurement_delay", "clock_drift"],
     MIX,
 ], ids=lambda names: "-".join(names[:2]))  # fmt: skip

@@ -37,9 +37,9 @@ from gatjax.walk.parameters import THETA0
 SHORT = Task(settle=0.1, longest_delay=0.04, duration=0.4)
 CAUSES = {  # a value of every cause that a walking robot can bear
     "command_delay": 0.02, "first_order_lag": 0.02, "speed_limit": 5.0,
-    "torque_limit": 6.0, "torque_saturation": 20.0, "coulomb_friction": 0.1,
-    "viscous_friction": 0.3, "gain_error": 0.8, "backlash": 0.02, "dead_band": 0.005,
-    "command_noise": 0.01,
+    "torque_limit": 6.0, "current_limit": 5.0, "torque_saturation": 20.0,
+    "coulomb_friction": 0.1, "viscous_friction": 0.3, "gain_error": 0.8,
+    "backlash": 0.02, "dead_band": 0.005, "command_noise": 0.01,
     "measurement_delay": 0.02, "dropped_commands": 0.2, "damping_error": 2.0,
     "stiction": 0.1, "load_friction": 0.1, "command_quantization": 0.02,
     "joint_elasticity": 300.0, "torque_ripple": 0.1, "asymmetric_friction": 0.1,

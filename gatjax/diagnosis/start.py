@@ -177,11 +177,14 @@ def read_start(path: Path) -> Start:
 def started(world: World, file: Path) -> Start:
     """What a world knows, as a start; `file` has it, or will.
 
+    Bounds of a search are nothing that is known of a robot, and are left out.
+
     Raises:
         ValueError: it has what a diagnosis cannot start from.
     """
     seen: set[tuple[str, str]] = set()
-    for row in world.causes:
+    rows = tuple(row for row in world.causes if row.get("role") != "bound")
+    for row in rows:
         cause, places = row["cause"], _places(world, row)
         reason = _unfit(row)
         if cause not in ADDING and seen & {(cause, place) for place in places}:
@@ -189,7 +192,7 @@ def started(world: World, file: Path) -> Start:
         if reason:
             raise ValueError(f"{file}: {cause} {reason}; leave it out")
         seen |= {(cause, place) for place in places}
-    return Start(world.source, world.causes, str(file))
+    return Start(world.source, rows, str(file))
 
 
 def _places(world: World, row: dict[str, Any]) -> tuple[str, ...]:
@@ -205,6 +208,8 @@ def _unfit(row: dict[str, Any]) -> str:
         return "is about no joint, and only joints can be started from"
     if any(part.slot == "command" for part in entry.parts):
         return "hits ticks that nobody knows"
+    if row["cause"] == "current_limit":
+        return "is no law of the single joint"
     if row["cause"] == "encoder_scale" and values["in_loop"]:
         return "in the loop is no law of the single joint"
     return ""

@@ -69,6 +69,12 @@ CATALOGUE = {
         "|servo torque| <= limit, and <= nominal limit + raised",
         "NAO v5 URDF effort: 3.0 and 3.3 N m",
     ),
+    "current_limit": Cause(
+        (P("limit", "N*m", 1e-6, MOST),), INF,
+        (Part("joint", _plain(joint.current_limit), ("limit",)),),
+        "|servo torque - damping velocity| <= limit",
+        "NAO v5 URDF effort: 3.0 N m, where 60 % of the voltage could drive 3.7",
+    ),
     "speed_limit": Cause(
         (P("limit", "rad/s", 0.05, 40.0), P("on_motor", "1", 0.0, 1.0, 0.0)), INF,
         (Part("motor", drive.speed_limit, ("limit",), ("on_motor", 0.0), follows=True),

@@ -198,6 +198,25 @@ def speed_line(period: float) -> Effect:
     return memoryless(change)
 
 
+def current_limit() -> Effect:
+    """Limit of a motor's current; params: its torque in N m, inf is neutral.
+
+    The current drives the motor against its back EMF, which is the damping of the joint
+    in the model: |servo torque - damping velocity| <= limit. So a joint that its load
+    pushes back brakes with no more than this, while a torque limit alone lets back EMF
+    add to it.
+    """
+
+    def change(limit: Array, drive: Drive) -> Drive:
+        servo, driven = drive.servo, drive.servo.viscous * drive.velocity
+        xp = namespace_of(driven, limit)
+        high = xp.minimum(servo.high, limit + driven)
+        low = xp.maximum(servo.low, -limit + driven)
+        return drive._replace(servo=servo._replace(low=low, high=high))
+
+    return memoryless(change)
+
+
 def thermal(period: float) -> Effect:
     """Warm motors lose gain and limit; params: lost_fraction, cooling (s), heat.
 

@@ -14,6 +14,7 @@ from gatjax.diagnosis.diagnose import diagnose
 from gatjax.diagnosis.given import Logs
 from gatjax.diagnosis.start import Start
 from gatjax.files import read_json
+from gatjax.loop.bound import bounded
 from gatjax.loop.collect import collect, collect_motion
 from gatjax.loop.ground import HELD_OUT, STABILITY_ROLLOUTS, count_falls
 from gatjax.loop.play import Hangable, Player
@@ -113,10 +114,11 @@ def logs(setting: Setting) -> tuple[str, list[Recording], list[Recording]]:
 
 
 def extended(setting: Setting) -> World:
-    """Return the nominal simulator with what the diagnosis found.
+    """Return the nominal simulator with what the diagnosis found, for a search.
 
-    It keeps the nominal physics step, so that a search in it takes as long as any and
-    that what is compared differs by the causes alone.
+    The search keeps to torques that the robot's walks bear out (`bounded`). The world
+    keeps the nominal physics step, so that a search in it takes as long as any and that
+    what is compared differs by the causes alone.
 
     Raises:
         ValueError: nothing was found, it predicts the held-out motion no better, or
@@ -145,6 +147,9 @@ def extended(setting: Setting) -> World:
     for row in rows:
         role = row.get("role", "cause")
         world = add_cause(world, row["cause"], row["where"], row["values"], role)
+    walks = collect(setting, setting.robot, "robot_0", THETA0)
+    setting.progress.stage("find the torques that the robot's walks bear out")
+    world = bounded(world, walks, setting.settings.seed)
     keys = jax.random.split(setting.key(2, 0), STABILITY_ROLLOUTS)
     falls = count_falls(prepare(world, "native"), world.values, THETA0, keys)
     if falls:

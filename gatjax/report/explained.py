@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from gatjax.report.read import Prediction, Run
 from gatjax.report.sections import section
@@ -55,8 +55,25 @@ def explained_section(run: Run, summary: Summary) -> str:
     if not lines:
         parts.append("<p>GAT after diagnosis has not been learned yet.</p>")
         return section(title, "".join(parts))
-    parts += [_table(lines), NOTE, f"<p>{escape(transfer(summary))}</p>"]
+    parts += [_table(lines), NOTE, _bounds(run.extended)]
+    parts.append(f"<p>{escape(transfer(summary))}</p>")
     return section(title, "".join(parts))
+
+
+def _bounds(extended: dict[str, Any]) -> str:
+    """Say which torques the search kept to; nothing of a run without bounds."""
+    rows = [row for row in extended.get("effects", []) if row.get("role") == "bound"]
+    each = [
+        f"{number(row['values']['limit'], 2)} N m ({', '.join(row['where'])})"
+        for row in rows
+    ]
+    if not each:
+        return ""
+    said = (
+        "The search kept to the torques that the robot's walks with theta0 bear out, "
+        "since no log tells what it does under more: "
+    )
+    return f"<p class=note>{said}{escape('; '.join(each))}.</p>"
 
 
 def chains(predictions: list[Prediction]) -> list[Chain]:

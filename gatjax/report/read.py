@@ -15,6 +15,7 @@ from typing import Any, NamedTuple, TypeVar, get_type_hints
 THETA0 = "theta0"
 DIAGNOSIS = Path("diagnosis", "diagnosis.json")  # only in a run with --explain
 SKIPPED = Path("diagnosis", "skipped.txt")
+EXTENDED = "extended.json"  # the world that is searched in after a diagnosis
 CHOSEN = "chosen"  # candidate of the walks that confirm a winner on fresh seeds
 
 Row = TypeVar("Row", bound=tuple)
@@ -83,6 +84,7 @@ class Run(NamedTuple):
     problems: list[str]
     diagnosis: dict[str, Any]  # diagnosis/diagnosis.json of a run with --explain
     skipped: str  # why there is no GAT after diagnosis; empty where there is
+    extended: dict[str, Any]  # the world that GAT after diagnosis searches in
 
 
 def read_run(folder: Path) -> Run:
@@ -101,7 +103,7 @@ def read_run(folder: Path) -> Run:
         )
     problems: list[str] = []
     rollouts = read_table(folder / "evaluations.csv", Rollout, problems)
-    diagnosis = folder / DIAGNOSIS
+    diagnosis, extended = folder / DIAGNOSIS, folder / EXTENDED
     kept = [row for row in rollouts if math.isfinite(row.velocity_m_s)]
     if len(kept) < len(rollouts):
         lost = len(rollouts) - len(kept)
@@ -120,6 +122,7 @@ def read_run(folder: Path) -> Run:
         problems=problems,
         diagnosis=read_json(diagnosis, problems) if diagnosis.is_file() else {},
         skipped=read_text(folder / SKIPPED),
+        extended=read_json(extended, problems) if extended.is_file() else {},
     )
 
 

@@ -27,7 +27,7 @@ from gatjax.sim.causes import GEAR
 from gatjax.task import Task
 
 SCHEMA = "gatjax.world/1"
-ROLES = ("cause", "calibration")
+ROLES = ("cause", "calibration", "bound")
 SENSOR_NOISE = Reading(angle=0.0, gyro=0.005, accelerometer=0.0, force=0.03)
 """Nominal simulator: gyro 5 mrad/s (HULKs' simulator), foot forces 3 % [A]."""
 
@@ -166,6 +166,7 @@ def add_cause(
             a number alone is the first parameter.
         role: "calibration" for a small correction of nominal numbers: what changes
             model fields may then have either sign, as long as it stays physical.
+            "bound" for what a search may not go beyond, though the robot might.
 
     Raises:
         ValueError: a name is unknown, or a value is not plausible.

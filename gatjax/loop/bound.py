@@ -1,0 +1,70 @@
+"""Torques that the robot's logs bear out, which a search after a diagnosis keeps to.
+
+A robot that hangs loads its motors less than one that walks, and theta0 less than what
+a search finds: no log tells what drivers, battery and gears do beyond. A search in a
+simulator that is right below, and generous beyond, goes there, and the robot falls.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gatjax.data.recording import Recording
+from gatjax.data.trajectories import split_by_trajectory
+from gatjax.grounding import prediction
+from gatjax.loop.ground import HELD_OUT, WINDOWS
+from gatjax.records import JOINTS
+from gatjax.robot.nao import WALKING_JOINTS, Motor, motor_of
+from gatjax.sim import causes, derived
+from gatjax.sim.backend import prepare
+from gatjax.sim.world import World, add_cause
+
+BOUND = "current_limit"
+WORSE = 1.05  # error of a prediction by that of one without a bound
+PARTS = 20  # in which a torque limit is divided
+
+
+def bounded(world: World, walks: Recording, seed: int) -> World:
+    """Add limits of the motors' net torque, the least that the walks bear out.
+
+    Each kind of motor has one: below it, the world predicts the walking joints half a
+    second ahead worse by a twentieth. Walks that only test predictions are left alone.
+
+    Args:
+        world: what a diagnosis made of the nominal NAO.
+        walks: of the robot, with theta0.
+        seed: of the run.
+    """
+    seen, _ = split_by_trajectory(walks.trajectory, HELD_OUT, seed)
+    windows = prediction.cut(world, walks, seen, WINDOWS, seed)
+
+    def error(candidate: World) -> float:
+        backend, step = prepare(candidate, "native"), world.task.control_period
+        found = prediction.errors(backend, candidate.values, windows, step)
+        square = sum(rms**2 for (_, ahead), rms in found.items() if ahead > step)
+        return float(np.sqrt(square)) if np.isfinite(square) else np.inf
+
+    allowed, bounds = WORSE * error(world), []
+    for joints, most in motors(world):
+        low, high = 0, PARTS  # too weak, strong enough
+        while high - low > 1:
+            middle = (low + high) // 2
+            tried = add_cause(world, BOUND, joints, most * middle / PARTS, "bound")
+            low, high = (low, middle) if error(tried) <= allowed else (middle, high)
+        bounds.append((joints, most * high / PARTS))
+    for joints, limit in bounds:
+        world = add_cause(world, BOUND, joints, limit, "bound")
+    return world
+
+
+def motors(world: World) -> list[tuple[list[str], float]]:
+    """Walking joints of each kind of motor, and its torque limit in the world, N m."""
+    fields, _ = causes.of_model(world.model, world.causes)
+    strongest = derived.servo(world.model, fields).high
+    kinds: dict[Motor, list[str]] = {}
+    for joint in WALKING_JOINTS:
+        kinds.setdefault(motor_of(joint), []).append(joint)
+    return [
+        (each, float(max(strongest[JOINTS.index(joint)] for joint in each)))
+        for each in kinds.values()
+    ]

@@ -1,0 +1,71 @@
+"""The torques that walks bear out: the least with which they are still predicted."""
+
+import numpy as np
+import pytest
+
+from gatjax.data.trajectories import split_by_trajectory, to_recording
+from gatjax.grounding import prediction
+from gatjax.loop import Simulator
+from gatjax.loop.bound import BOUND, PARTS, WORSE, bounded, motors
+from gatjax.loop.ground import HELD_OUT, WINDOWS
+from gatjax.records import JOINTS
+from gatjax.robot.nao import LEG_PITCH, WALKING_JOINTS, motor_of
+from gatjax.sim.backend import prepare
+from gatjax.sim.world import add_cause, nominal
+from gatjax.task import Task
+from gatjax.walk.parameters import THETA0
+
+TASK, SEED, COUNT = Task(duration=2.5), 4, 5
+PITCH = [joint for joint in JOINTS if motor_of(joint) is LEG_PITCH]
+
+
+@pytest.fixture(scope="module")
+def walks():
+    """Walks with theta0 in the nominal simulator."""
+    robot = Simulator(nominal(TASK))
+    trajectory, _ = robot.walk(np.tile(THETA0, (COUNT, 1)), range(COUNT), TASK)
+    return to_recording(trajectory, robot.name, 50.0, {})
+
+
+@pytest.fixture(scope="module")
+def found(walks):
+    return bounded(nominal(TASK), walks, SEED)
+
+
+def limits(world):
+    return {tuple(row["where"]): row["values"]["limit"] for row in world.causes}
+
+
+def test_each_kind_of_motor_that_walks_is_bounded(found):
+    assert {(row["cause"], row["role"]) for row in found.causes} == {(BOUND, "bound")}
+    joints = [joint for row in found.causes for joint in row["where"]]
+    assert sorted(joints) == sorted(WALKING_JOINTS)
+    strongest = {tuple(where): most for where, most in motors(nominal(TASK))}
+    assert all(limit < 0.9 * strongest[row] for row, limit in limits(found).items())
+
+
+def test_a_bound_is_the_least_that_predicts_the_walks(found, walks):
+    world = nominal(TASK)
+    seen, _ = split_by_trajectory(walks.trajectory, HELD_OUT, SEED)
+    windows = prediction.cut(world, walks, seen, WINDOWS, SEED)
+
+    def error(limit):
+        tried = add_cause(world, BOUND, PITCH, limit)
+        rows = prediction.errors(prepare(tried, "native"), tried.values, windows, 0.02)
+        return np.sqrt(sum(rms**2 for (_, ahead), rms in rows.items() if ahead > 0.02))
+
+    ((where, limit),) = [
+        row for row in limits(found).items() if set(row[0]) <= {*PITCH}
+    ]
+    part = dict((tuple(each), most) for each, most in motors(world))[where] / PARTS
+    assert error(limit) <= WORSE * error(100.0) < error(limit - part)
+
+
+def test_walks_that_only_test_predictions_do_not_count(found, walks):
+    _, held = split_by_trajectory(walks.trajectory, HELD_OUT, SEED)
+    spoilt = walks._replace(columns={k: v.copy() for k, v in walks.columns.items()})
+    rows = np.isin(walks.trajectory, held)
+    assert rows.any()
+    for joint in WALKING_JOINTS:
+        spoilt.columns[f"position.{joint}"][rows] += 0.3
+    assert limits(bounded(nominal(TASK), spoilt, SEED)) == limits(found)
