@@ -132,6 +132,13 @@ def test_what_no_single_joint_shows_is_refused(name):
     assert REFUSED[name] in _unfit(placed(name))
 
 
+def test_what_a_search_was_kept_to_is_not_known_of_a_robot(tmp_path):
+    lag = placed("first_order_lag")
+    bound = placed("current_limit") | {"role": "bound"}
+    start = read_start(world_of(tmp_path / "w.json", lag, bound))
+    assert [row["cause"] for row in start.rows] == ["first_order_lag"]
+
+
 def test_worlds_that_cannot_be_started_from(tmp_path):
     lag, inside = placed("first_order_lag"), placed("encoder_scale", in_loop=1.0)
     inside["values"]["scale"] = 1.05

@@ -135,6 +135,8 @@ def test_what_is_found_is_added_to_the_nominal_simulator(run):
     world, grounding = read_world(folder / "extended.json")
     assert grounding is None and world.source == "nao"
     assert found_in(world) == ["command_delay"]
+    kept = [row for row in world.causes if row.get("role") == "bound"]
+    assert {row["cause"] for row in kept} == {"current_limit"}
     assert world.model.opt.timestep == nominal(SHORT).model.opt.timestep
 
 
