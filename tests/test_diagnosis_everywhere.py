@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gatjax.data.recording import write_recording
-from gatjax.diagnosis import agreed, everywhere
+from gatjax.diagnosis import agreed, bank, everywhere
 from gatjax.diagnosis.case import held, prepare
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.everywhere import Option
@@ -250,6 +250,26 @@ def test_a_cause_is_of_the_robot_only_if_it_is_worth_it_at_most_joints():
 
 class Taken(Exception):
     """A whole robot's causes are taken for known."""
+
+
+@pytest.mark.parametrize(
+    ("late", "agree"),
+    [
+        ([0.03, 0.033, 0.034, 0.036, 0.031, 0.08], True),  # but for an odd one
+        ([0.01, 0.033, 0.05, 0.036, 0.02, 0.08], False),
+        ([0.03, 0.033, 0.034], False),  # so few may be alike by chance
+    ],
+)
+def test_joints_agree_on_values_that_are_alike(late, agree):
+    delay = next(h for h in bank.CAUSES if h.cause == "command_delay")
+    delay = delay._replace(values=lambda joint, own: {"delay": float(np.exp(own[0]))})
+    judge = object.__new__(Judge)
+    judge.joints = [None] * len(late)
+    claims = [
+        Claim(delay, np.log([seconds]), (k,), {}, 90.0)
+        for k, seconds in enumerate(late)
+    ]
+    assert agreed.common(judge, claims) is agree
 
 
 def test_joints_that_agree_on_no_value_have_no_cause_in_common(monkeypatch):

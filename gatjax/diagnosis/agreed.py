@@ -26,7 +26,11 @@ from gatjax.diagnosis.findings import VISIBLE
 from gatjax.diagnosis.fit import Fit, parts_of, put_together, refitted
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, pinned
 from gatjax.diagnosis.judge import Judge
+from gatjax.effects.catalogue import cause
+from gatjax.effects.cause import complete
 
+ALIKE, MOSTLY = 0.25, 0.75  # of their median, of the joints: values that are near it
+CHANCE = 6  # joints whose values are not alike by chance
 FREE, HELD = 12, 3  # iterations of a joint with values of its own, and with given ones
 
 Group = tuple[int, ...]
@@ -59,6 +63,28 @@ def valued(judge: Judge, found: list[list[Option]]) -> tuple[list[Valued], list[
             return [Valued(*pair) for pair in pairs], known
         found = found[:weak] + found[weak + 1 :]
     return [], []
+
+
+def common(judge: Judge, claims: list[Claim]) -> bool:
+    """Whether joints agree on a cause: some have one value, or many have values alike.
+
+    A delay is the same at all joints, but where something else is left each joint's own
+    suits it best by a hair.
+    """
+    count = len(judge.joints)
+    if len(claims) < count or count < CHANCE:
+        return len(claims) < count
+    sizes = np.array([_size(judge, claim) for claim in claims])
+    middle = np.median(sizes)
+    near = np.abs(sizes - middle) < ALIKE * np.abs(middle)
+    return bool(near.mean() > MOSTLY)
+
+
+def _size(judge: Judge, claim: Claim) -> float:
+    """Main parameter of a cause at the first of its joints, in the catalogue's unit."""
+    hypothesis, joint = claim.hypothesis, judge.joints[claim.where[0]]
+    name, values = hypothesis.cause, hypothesis.values(joint, claim.own)
+    return complete(name, cause(name), values)[cause(name).main.name]
 
 
 def _weak(judge: Judge, claims: list[Claim]) -> bool:

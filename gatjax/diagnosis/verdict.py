@@ -128,11 +128,11 @@ def decide(judge: Judge) -> Verdict:
 def _everywhere(judge: Judge) -> list[Cause]:
     """The causes of a whole robot that is wrong in several ways, taken for known.
 
-    None where joints agree on no value at all: a body that is heavier than the model's,
-    say, is something else at each joint.
+    None where joints agree on no value, not even nearly: a body that is heavier than
+    the model's, say, is something else at each joint.
     """
     found, known = agreed.valued(judge, everywhere.causes(judge))
-    if all(len(each.claims) == len(judge.joints) for each in found):
+    if not any(agreed.common(judge, each.claims) for each in found):
         return []
     judge.take([claim for each in found for claim in each.claims], known)
     every, out = tuple(range(len(judge.joints))), []
