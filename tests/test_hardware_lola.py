@@ -28,6 +28,7 @@ from gatjax.hardware.frames import BadFrame, Command, Lost
 from gatjax.hardware.lola import Lola, answer, as_frame, read_frame
 from gatjax.hardware.session import Session, Stopped
 from gatjax.hardware.terminal import Terminal
+from gatjax.hardware.tracker import Tracker
 from gatjax.records import FORCE_SENSORS, JOINTS
 from gatjax.surrogate.attended import SimulatedNao
 from gatjax.surrogate.lola import Server
@@ -511,6 +512,17 @@ def test_a_kill_loses_less_than_the_last_second(nao, tmp_path):
     assert killed - recording.columns["received"][-1] < 1.0
 
 
+def _until_free(port):
+    """Wait for who has a killed program's port: it may have been starting a walk."""
+    deadline = time.monotonic() + 30.0
+    while True:
+        try:
+            return Tracker(str(port)).close()
+        except OSError:
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+
+
 def test_a_kill_between_walks_leaves_the_report_of_the_first(nao, tmp_path):
     out, policy = tmp_path / "deployed", tmp_path / "p.json"
     write_policy(tmp_path, "p", THETA0, {})
@@ -523,6 +535,7 @@ def test_a_kill_between_walks_leaves_the_report_of_the_first(nao, tmp_path):
         time.sleep(0.05)
     process.kill()
     process.wait()
+    _until_free(json.loads(Path(f"{nao}.json").read_text())["tracker"])
     asked, address = Asked(1, seconds=1.0), f"lola:{nao}"
     for other in (Asked(1, seconds=2.0), Asked(1, forward=0.5, seconds=1.0)):
         with pytest.raises(ValueError, match="choose another --out"):
@@ -560,6 +573,19 @@ def test_who_only_looks_is_not_told_of(tmp_path):
     thread.join(10.0)
     assert said[:1] + said[-2:] == ["connected", "client left", silent]
     assert said.count("connected") == 1
+
+
+def test_a_nao_that_is_closed_lets_go_of_its_client(tmp_path):
+    server, robot = Server(tmp_path / "s", lockstep=True), SimulatedNao("stiff", 0, 0)
+    thread = threading.Thread(target=server.serve, args=(robot, lambda text: None))
+    thread.start()
+    link = Lola(tmp_path / "s")
+    frame = link.receive(5.0)
+    server.close()
+    link.send(Command(frame.reading.angle, np.zeros(25)))
+    thread.join(10.0)
+    assert not thread.is_alive()
+    link.close()
 
 
 def test_a_kill_takes_the_socket_along(tmp_path):

@@ -100,8 +100,8 @@ class Server:
         self.answers.clear()
         due = time.monotonic()
         while True:
-            self._track(robot.base())
-            try:
+            try:  # closed meanwhile, too
+                self._track(robot.base())
                 client.sendall(messagepack.pack(robot.frame()))
                 sent = time.monotonic()
                 due = max(due + PERIOD, sent - 10.0 * PERIOD)
