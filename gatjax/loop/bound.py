@@ -7,8 +7,6 @@ simulator that is right below, and generous beyond, goes there, and the robot fa
 
 from __future__ import annotations
 
-import numpy as np
-
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import split_by_trajectory
 from gatjax.grounding import prediction
@@ -40,9 +38,7 @@ def bounded(world: World, walks: Recording, seed: int) -> World:
 
     def error(candidate: World) -> float:
         backend, step = prepare(candidate, "native"), world.task.control_period
-        found = prediction.errors(backend, candidate.values, windows, step)
-        square = sum(rms**2 for (_, ahead), rms in found.items() if ahead > step)
-        return float(np.sqrt(square)) if np.isfinite(square) else np.inf
+        return prediction.error_ahead(backend, candidate.values, windows, step)
 
     allowed, bounds = WORSE * error(world), []
     for joints, most in motors(world):

@@ -186,9 +186,7 @@ def helpful(
 
     def error(candidate: grounders.Grounding) -> float:
         values = grounders.grounded(world, candidate).values
-        found = prediction.errors(backend, values, windows, step)
-        square = sum(rms**2 for (_, ahead), rms in found.items() if ahead > step)
-        return square if np.isfinite(square) else np.inf
+        return prediction.error_ahead(backend, values, windows, step)
 
     shares = [alpha for alpha in grounders.ALPHAS if alpha <= most]
     tried = [grounders.with_alpha(grounding, alpha) for alpha in shares]
