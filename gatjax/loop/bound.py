@@ -20,6 +20,9 @@ from gatjax.sim.world import World, add_cause
 BOUND = "current_limit"
 WORSE = 1.05  # error of a prediction by that of one without a bound
 PARTS = 20  # in which a torque limit is divided
+LOOSE = 1e3  # N m: binds no motor of a humanoid
+
+Limit = tuple[list[str], float]  # of the joints of a kind of motor, N m
 
 
 def bounded(world: World, walks: Recording, seed: int) -> World:
@@ -35,25 +38,34 @@ def bounded(world: World, walks: Recording, seed: int) -> World:
     """
     seen, _ = split_by_trajectory(walks.trajectory, HELD_OUT, seed)
     windows = prediction.cut(world, walks, seen, WINDOWS, seed)
+    kinds, step = motors(world), world.task.control_period
+    loose = [(joints, LOOSE) for joints, _ in kinds]
+    backend = prepare(_limited(world, loose), "native")
 
-    def error(candidate: World) -> float:
-        backend, step = prepare(candidate, "native"), world.task.control_period
-        return prediction.error_ahead(backend, candidate.values, windows, step)
+    def error(limits: list[Limit]) -> float:
+        values = _limited(world, limits).values
+        return prediction.error_ahead(backend, values, windows, step)
 
-    allowed, bounds = WORSE * error(world), []
-    for joints, most in motors(world):
+    allowed, bounds = WORSE * error(loose), []
+    for number, (joints, most) in enumerate(kinds):
         low, high = 0, PARTS  # too weak, strong enough
         while high - low > 1:
             middle = (low + high) // 2
-            tried = add_cause(world, BOUND, joints, most * middle / PARTS, "bound")
+            tried = [*loose]
+            tried[number] = (joints, most * middle / PARTS)
             low, high = (low, middle) if error(tried) <= allowed else (middle, high)
         bounds.append((joints, most * high / PARTS))
-    for joints, limit in bounds:
+    return _limited(world, bounds)
+
+
+def _limited(world: World, limits: list[Limit]) -> World:
+    """The world with a limit of the net torque for each kind of motor."""
+    for joints, limit in limits:
         world = add_cause(world, BOUND, joints, limit, "bound")
     return world
 
 
-def motors(world: World) -> list[tuple[list[str], float]]:
+def motors(world: World) -> list[Limit]:
     """Walking joints of each kind of motor, and its torque limit in the world, N m."""
     fields, _ = causes.of_model(world.model, world.causes)
     strongest = derived.servo(world.model, fields).high
