@@ -5,8 +5,9 @@ import pytest
 
 from gatjax.data.recording import write_recording
 from gatjax.diagnosis import agreed, bank, everywhere
+from gatjax.diagnosis.agreed import CHANCE
 from gatjax.diagnosis.case import held, prepare
-from gatjax.diagnosis.claims import Claim
+from gatjax.diagnosis.claims import SHARED, WHOLE, Claim
 from gatjax.diagnosis.everywhere import Option
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.given import Logs, given
@@ -16,6 +17,7 @@ from gatjax.diagnosis.start import Start
 from gatjax.diagnosis.tolerances import USUAL
 from gatjax.diagnosis.verdict import _everywhere as whole
 from gatjax.diagnosis.verdict import conclude
+from gatjax.effects import catalogue as causes
 from gatjax.surrogate.hidden import design, rigid
 from gatjax.surrogate.hidden.catalogue import CATALOGUE
 from gatjax.surrogate.hidden.measure import Channels, log_of, recording
@@ -25,6 +27,7 @@ from gatjax.surrogate.hidden.targets import Lane
 
 DELAY, STRAIN = 0.03, 0.03  # s; rad, error of a servo that balances the friction
 LEG = robot("leg_six")
+ODD, OFFSET = 2, 0.07  # joint; rad
 FRICTION = STRAIN * LEG.model.actuator_gainprm[:, 0]  # N m
 
 
@@ -39,6 +42,12 @@ def rubbing(specimen):
             specimen, LEG, [joint], torque, {}
         )
     return specimen
+
+
+def crooked(specimen):
+    """An encoder at one joint that is off by more than everything else does."""
+    more = {"in_loop": False}
+    return CATALOGUE["encoder_offset"].apply(specimen, LEG, [ODD], OFFSET, more)
 
 
 def judged(folder, *effects):
@@ -62,13 +71,28 @@ def judged(folder, *effects):
 
 @pytest.fixture(scope="module")
 def verdict(tmp_path_factory):
-    return conclude(judged(tmp_path_factory.mktemp("both"), late, rubbing))
+    return conclude(judged(tmp_path_factory.mktemp("leg"), late, rubbing, crooked))
 
 
-def test_both_causes_are_named_at_all_joints(verdict):
+def places(verdict):
     where = {}
     for cause in verdict.causes:
         where.setdefault(cause.claim.hypothesis.cause, []).extend(cause.claim.where)
+    return where
+
+
+def test_what_is_wrong_at_one_joint_is_named_there(verdict):
+    assert places(verdict)["encoder_offset"] == [ODD]
+    (cause,) = (
+        c for c in verdict.causes if c.claim.hypothesis.cause == "encoder_offset"
+    )
+    values = cause.claim.hypothesis.values(verdict.judge.joints[ODD], cause.claim.own)
+    assert values["offset"] == pytest.approx(OFFSET, abs=0.02)  # beside its tolerance
+
+
+def test_both_causes_are_named_at_all_joints(verdict):
+    where = places(verdict)
+    del where["encoder_offset"]
     every = list(range(len(LEG.joints)))
     assert where.keys() <= {"command_delay", "measurement_delay", "coulomb_friction"}
     assert len(where) == 2 and all(sorted(each) == every for each in where.values())
@@ -105,6 +129,34 @@ def test_the_joints_are_explained_to_near_the_noise(verdict):
         judge.joints, judge.known, judge.case.healthy, strict=True
     ):
         assert fit.rms() < 3.0 * joint.noise < 0.3 * before.rms()
+
+
+@pytest.mark.parametrize(
+    ("gains", "total"),
+    [
+        ({0: 9000.0, 1: 30.0, 2: 20.0, 3: 40.0, 4: 25.0}, 115.0),
+        ({0: 9000.0, 1: 30.0, 2: 20.0, 3: 40.0}, 9090.0),  # too few to tell who is odd
+    ],
+)
+def test_a_cause_counts_without_the_joint_that_it_helps_most(gains, total):
+    assert option("lag", 0.0)._replace(gains=gains).gain == total
+
+
+def test_causes_count_without_the_joint_that_they_explain_worst(monkeypatch):
+    nats = [-5.0, -900.0, -7.0, -6.0, -4.0]
+    monkeypatch.setattr(everywhere, "_nats", lambda joint, fit: nats[joint])
+    judge = object.__new__(Judge)
+    judge.joints = list(range(5))
+    assert everywhere._total(judge, dict.fromkeys(range(5), fit(""))) == -22.0
+
+
+@pytest.mark.parametrize(
+    ("wrong", "count", "odd"),
+    [([3], 6, {3}), ([3, 4], 6, set()), ([3, 4], 12, {3, 4}), ([3], 4, set())],
+)
+def test_few_joints_that_are_still_wrong_are_odd(monkeypatch, wrong, count, odd):
+    monkeypatch.setattr(everywhere, "_left", lambda judge, known: wrong)
+    assert everywhere.odd_ones(object.__new__(Judge), [fit("")] * count) == odd
 
 
 def test_what_one_cause_may_explain_is_left_to_the_usual_way(tmp_path):
@@ -253,23 +305,39 @@ class Taken(Exception):
 
 
 @pytest.mark.parametrize(
-    ("late", "agree"),
+    ("cause", "sizes", "agree"),
     [
-        ([0.03, 0.033, 0.034, 0.036, 0.031, 0.08], True),  # but for an odd one
-        ([0.01, 0.033, 0.05, 0.036, 0.02, 0.08], False),
-        ([0.03, 0.033, 0.034], False),  # so few may be alike by chance
+        ("command_delay", [0.03, 0.033, 0.034, 0.036, 0.031, 0.08], True),  # one is odd
+        ("command_delay", [0.03, 0.033, 0.034, 0.036, 0.031, 0.03, 0.08, 0.1], True),
+        ("command_delay", [0.01, 0.033, 0.05, 0.036, 0.02, 0.08], False),
+        ("command_delay", [0.03, 0.033, 0.034], False),  # alike by chance
+        ("gain_error", [0.5, 0.52, 0.48, 0.5, 0.55, 0.45], True),
+        ("gain_error", [0.8, 0.9, 1.1, 1.2, 0.95, 1.05], False),  # not even the sign
+        ("torque_limit", [2.0, 2.1, 1.9, 2.2, 1.8, 2.0], True),
     ],
 )
-def test_joints_agree_on_values_that_are_alike(late, agree):
-    delay = next(h for h in bank.CAUSES if h.cause == "command_delay")
-    delay = delay._replace(values=lambda joint, own: {"delay": float(np.exp(own[0]))})
+def test_joints_agree_on_values_that_are_alike(cause, sizes, agree):
+    law = next(h for h in bank.CAUSES if h.cause == cause)
+    main = causes.CATALOGUE[cause].main.name
+    law = law._replace(values=lambda joint, own: {main: float(own[0])})
     judge = object.__new__(Judge)
-    judge.joints = [None] * len(late)
+    judge.joints = [None] * len(sizes)
     claims = [
-        Claim(delay, np.log([seconds]), (k,), {}, 90.0)
-        for k, seconds in enumerate(late)
+        Claim(law, np.array([size]), (k,), {}, 90.0) for k, size in enumerate(sizes)
     ]
     assert agreed.common(judge, claims) is agree
+
+
+def test_every_cause_that_joints_share_has_a_size_to_compare(tmp_path):
+    judge = judged(tmp_path)
+    judge.joints = [judge.joints[0]] * CHANCE
+    for law in bank.CAUSES:
+        if law.cause not in SHARED or law.cause in WHOLE:
+            continue
+        own = 0.3 * np.array(law.low) + 0.7 * np.array(law.high)
+        claims = [Claim(law, own, (k,), {}, 90.0) for k in range(CHANCE)]
+        claims[0] = claims[0]._replace(own=np.array(law.low))
+        assert agreed.common(judge, claims), law.law
 
 
 def test_joints_that_agree_on_no_value_have_no_cause_in_common(monkeypatch):

@@ -81,6 +81,21 @@ def test_a_current_limit_is_of_torque_less_back_emf(speed):
     assert pull(free) == pytest.approx(PULLED)
 
 
+def test_beyond_both_limits_the_torque_limit_holds_in_either_direction():
+    """Back EMF of 5 N m, a current for 1 N m: the drivers give no more than 3 N m."""
+    torques = []
+    for speed in (5.0, -5.0):
+        drive = driven([0.0], speed)
+        strong = drive.servo._replace(
+            low=np.array([-3.0]), high=np.array([3.0]), viscous=np.array([1.0])
+        )
+        _, out = current_limit().apply(
+            np.array([1.0]), (), drive._replace(servo=strong)
+        )
+        torques.append(pull(out)[0])
+    assert torques == pytest.approx([3.0, -3.0])
+
+
 def test_a_motor_that_its_load_turns_back_brakes_within_its_current_limit():
     """Back EMF adds to what the servo asks for; a torque limit alone lets it."""
     _, out = current_limit().apply(np.array([1.5]), (), driven([1.4], -1.0))

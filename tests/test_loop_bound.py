@@ -6,7 +6,7 @@ import pytest
 from gatjax.data.trajectories import split_by_trajectory, to_recording
 from gatjax.grounding import prediction
 from gatjax.loop import Simulator
-from gatjax.loop.bound import BOUND, PARTS, WORSE, bounded, motors
+from gatjax.loop.bound import BOUND, LOOSE, PARTS, WORSE, _least, bounded, motors
 from gatjax.loop.ground import HELD_OUT, WINDOWS
 from gatjax.records import JOINTS
 from gatjax.robot.nao import LEG_PITCH, WALKING_JOINTS, motor_of
@@ -69,3 +69,16 @@ def test_walks_that_only_test_predictions_do_not_count(found, walks):
     for joint in WALKING_JOINTS:
         spoilt.columns[f"position.{joint}"][rows] += 0.3
     assert limits(bounded(nominal(TASK), spoilt, SEED)) == limits(found)
+
+
+def test_a_simulation_that_diverges_bears_nothing_out(walks, monkeypatch):
+    monkeypatch.setattr(prediction, "error_ahead", lambda *_: np.inf)
+    with pytest.raises(ValueError, match="diverges within half a second"):
+        bounded(nominal(TASK), walks, SEED)
+
+
+@pytest.mark.parametrize(
+    ("least", "found"), [(3.2, 3.5), (0.1, 0.5), (9.9, 10.0), (10.1, LOOSE)]
+)
+def test_the_least_limit_is_found_in_parts_of_the_most(least, found):
+    assert _least(10.0, lambda limit: limit >= least) == pytest.approx(found)

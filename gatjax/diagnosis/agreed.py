@@ -21,13 +21,12 @@ from gatjax.diagnosis.claims import (
     shared_value,
     uncertainty,
 )
-from gatjax.diagnosis.everywhere import Option
+from gatjax.diagnosis.everywhere import Option, odd_ones
 from gatjax.diagnosis.findings import VISIBLE
 from gatjax.diagnosis.fit import Fit, parts_of, put_together, refitted
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, pinned
 from gatjax.diagnosis.judge import Judge
 from gatjax.effects.catalogue import cause
-from gatjax.effects.cause import complete
 
 ALIKE, MOSTLY = 0.25, 0.75  # of their median, of the joints: values that are near it
 CHANCE = 6  # joints whose values are not alike by chance
@@ -77,14 +76,19 @@ def common(judge: Judge, claims: list[Claim]) -> bool:
     sizes = np.array([_size(judge, claim) for claim in claims])
     middle = np.median(sizes)
     near = np.abs(sizes - middle) < ALIKE * np.abs(middle)
-    return bool(near.mean() > MOSTLY)
+    return bool(near.mean() >= MOSTLY)
 
 
 def _size(judge: Judge, claim: Claim) -> float:
-    """Main parameter of a cause at the first of its joints, in the catalogue's unit."""
-    hypothesis, joint = claim.hypothesis, judge.joints[claim.where[0]]
-    name, values = hypothesis.cause, hypothesis.values(joint, claim.own)
-    return complete(name, cause(name), values)[cause(name).main.name]
+    """Main parameter of a cause at the first of its joints, from where it does nothing.
+
+    In the catalogue's unit; what is neutral at infinity counts from zero.
+    """
+    hypothesis, entry = claim.hypothesis, cause(claim.hypothesis.cause)
+    values = hypothesis.values(judge.joints[claim.where[0]], claim.own)
+    return values[entry.main.name] - (
+        entry.neutral if np.isfinite(entry.neutral) else 0
+    )
 
 
 def _weak(judge: Judge, claims: list[Claim]) -> bool:
@@ -108,15 +112,16 @@ def _agreed(
         return fits.improve(joint, [min(tried, key=lambda fit: fit.cost)], FREE)[0]
 
     free = mapped(one, range(len(judge.joints)))
-    known, claims = free, []
+    known, claims, odd = free, [], odd_ones(judge, free)
     for number, hypothesis in enumerate(hypotheses):
         tried = [
-            _divided(judge, known, free, number, groups)
+            _divided(judge, known, free, number, groups, odd)
             for groups in _divisions(judge, hypothesis)
         ]
         _, mine, known = max(tried, key=lambda each: each[0])
         claims.append(mine)
-    return [_weighed(judge, known, n, mine) for n, mine in enumerate(claims)], known
+    weighed = [_weighed(judge, known, n, mine, odd) for n, mine in enumerate(claims)]
+    return weighed, known
 
 
 def _divisions(judge: Judge, hypothesis: Hypothesis) -> list[list[Group]]:
@@ -133,20 +138,27 @@ def _divisions(judge: Judge, hypothesis: Hypothesis) -> list[list[Group]]:
 
 
 def _divided(
-    judge: Judge, known: list[Fit], free: list[Fit], number: int, groups: list[Group]
+    judge: Judge,
+    known: list[Fit],
+    free: list[Fit],
+    number: int,
+    groups: list[Group],
+    odd: set[int],
 ) -> tuple[float, list[Claim], list[Fit]]:
     """Nats, claims and fits where groups of joints have one value of a cause each.
 
     The causes before it have given values already: its coordinates come first.
-    How sure a value is, fits tell in which all causes are `free`.
+    How sure a value is, fits tell in which all causes are `free`. Joints that are
+    `odd` have a value, but no say in it.
     """
     claims = []
     first = COUNT + sum(len(own) for _, own in parts_of(free[0])[:number])
     held: dict[int, Hypothesis] = {}
     for group in groups:
         part, _ = parts_of(known[group[0]])[number]
-        own = shared_value([known[k] for k in group], part, COUNT)
-        sure = uncertainty([free[k] for k in group], len(own), first)
+        heard = _heard(judge, group, odd)
+        own = shared_value([known[k] for k in heard], part, COUNT)
+        sure = uncertainty([free[k] for k in heard], len(own), first)
         claims.append(Claim(part, own, group, {}, 0.0, covariance=sure))
         held |= dict.fromkeys(group, pinned(part, own))
 
@@ -156,18 +168,28 @@ def _divided(
         return refitted(judge.joints[index], known[index], parts, HELD)
 
     fitted = mapped(one, range(len(known)))
-    pairs = zip(judge.joints, fitted, strict=True)
-    nats = sum(fits.evidence(*pair) for pair in pairs)
+    rest = [k for k in range(len(known)) if k not in odd]
+    nats = sum(fits.evidence(judge.joints[k], fitted[k]) for k in rest)
     nats -= sum(price(claim, len(fitted)) for claim in claims)
     return nats, claims, fitted
 
 
+def _heard(judge: Judge, group: Group, odd: set[int]) -> list[int]:
+    """Joints that a group's value is of: its own, or those of its motors, or all."""
+    rest = [k for k in range(len(judge.joints)) if k not in odd]
+    motor = judge.joints[group[0]].motor
+    alike = [k for k in rest if judge.joints[k].motor == motor]
+    return [k for k in group if k not in odd] or alike or rest
+
+
 def _weighed(
-    judge: Judge, known: list[Fit], number: int, claims: list[Claim]
+    judge: Judge, known: list[Fit], number: int, claims: list[Claim], odd: set[int]
 ) -> list[Claim]:
     """Claims of a cause with their fits and their gain beside the other causes."""
 
     def lost(index: int) -> float:
+        if index in odd:
+            return 0.0
         fit, joint = known[index], judge.joints[index]
         parts = parts_of(fit)
         del parts[number]

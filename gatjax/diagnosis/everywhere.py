@@ -9,6 +9,7 @@ changes (beam search, then stepwise selection with exchange, a group a cause).
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection
 from typing import NamedTuple
 
 import numpy as np
@@ -39,6 +40,7 @@ WIDTHS, NEAR = (4, 3), 0.75  # starts that get one more, their least share of ga
 MOST = 6  # causes
 TURNS = 3  # of exchanges after each new cause
 REFITTING = 8  # iterations of a joint that a cause was taken from
+MANY, ODD = 5, 0.2  # joints from which on some may be odd, their largest share
 
 
 class Option(NamedTuple):
@@ -50,8 +52,11 @@ class Option(NamedTuple):
 
     @property
     def gain(self) -> float:
-        """Nats, all of these joints together."""
-        return sum(self.gains.values())
+        """Nats, these joints together but for the one that it helps most, if many.
+
+        A joint that is wrong in a way of its own pays most for what imitates it.
+        """
+        return _but_one(self.gains.values(), max)
 
     @property
     def own(self) -> np.ndarray:
@@ -278,4 +283,17 @@ def _nats(joint: Joint, fit: Fit) -> float:
 
 
 def _total(judge: Judge, known: Fits) -> float:
-    return sum(_nats(judge.joints[k], fit) for k, fit in known.items())
+    """Evidence at some joints but for the worst of them, if they are many."""
+    return _but_one([_nats(judge.joints[k], fit) for k, fit in known.items()], min)
+
+
+def _but_one(nats: Collection[float], odd: Callable[..., float]) -> float:
+    """Sum of what joints say without the oddest of many (a trimmed likelihood)."""
+    return sum(nats) - (odd(nats) if len(nats) >= MANY else 0.0)
+
+
+def odd_ones(judge: Judge, known: list[Fit]) -> set[int]:
+    """Joints that are still wrong, if they are so few that something else is theirs."""
+    wrong = _left(judge, dict(enumerate(known)))
+    few = len(known) >= MANY and len(wrong) <= ODD * len(known)
+    return set(wrong) if few else set()

@@ -204,14 +204,14 @@ def current_limit() -> Effect:
     The current drives the motor against its back EMF, which is the damping of the joint
     in the model: |servo torque - damping velocity| <= limit. So a joint that its load
     pushes back brakes with no more than this, while a torque limit alone lets back EMF
-    add to it.
+    add to it. At speeds whose back EMF is beyond both limits the torque limit holds.
     """
 
     def change(limit: Array, drive: Drive) -> Drive:
         servo, driven = drive.servo, drive.servo.viscous * drive.velocity
         xp = namespace_of(driven, limit)
-        high = xp.minimum(servo.high, limit + driven)
-        low = xp.maximum(servo.low, -limit + driven)
+        high = xp.clip(limit + driven, servo.low, servo.high)
+        low = xp.clip(-limit + driven, servo.low, servo.high)
         return drive._replace(servo=servo._replace(low=low, high=high))
 
     return memoryless(change)

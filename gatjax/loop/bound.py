@@ -7,6 +7,11 @@ simulator that is right below, and generous beyond, goes there, and the robot fa
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import split_by_trajectory
 from gatjax.grounding import prediction
@@ -28,13 +33,17 @@ Limit = tuple[list[str], float]  # of the joints of a kind of motor, N m
 def bounded(world: World, walks: Recording, seed: int) -> World:
     """Add limits of the motors' net torque, the least that the walks bear out.
 
-    Each kind of motor has one: below it, the world predicts the walking joints half a
-    second ahead worse by a twentieth. Walks that only test predictions are left alone.
+    Each kind of motor has one: below it, and with no bound of the others, the world
+    predicts the walking joints half a second ahead worse by a twentieth. Walks that
+    only test predictions are left alone.
 
     Args:
         world: what a diagnosis made of the nominal NAO.
         walks: of the robot, with theta0.
         seed: of the run.
+
+    Raises:
+        ValueError: a prediction diverges without any bound.
     """
     seen, _ = split_by_trajectory(walks.trajectory, HELD_OUT, seed)
     windows = prediction.cut(world, walks, seen, WINDOWS, seed)
@@ -46,16 +55,32 @@ def bounded(world: World, walks: Recording, seed: int) -> World:
         values = _limited(world, limits).values
         return prediction.error_ahead(backend, values, windows, step)
 
-    allowed, bounds = WORSE * error(loose), []
-    for number, (joints, most) in enumerate(kinds):
-        low, high = 0, PARTS  # too weak, strong enough
-        while high - low > 1:
-            middle = (low + high) // 2
-            tried = [*loose]
-            tried[number] = (joints, most * middle / PARTS)
-            low, high = (low, middle) if error(tried) <= allowed else (middle, high)
-        bounds.append((joints, most * high / PARTS))
+    allowed = WORSE * error(loose)
+    if not np.isfinite(allowed):
+        raise ValueError(
+            "the simulation that the diagnosis extended diverges within half a second "
+            "of a place on the robot's walks"
+        )
+
+    def enough(number: int, limit: float) -> bool:
+        tried = [*loose]
+        tried[number] = (loose[number][0], limit)
+        return error(tried) <= allowed
+
+    bounds = [
+        (joints, _least(most, partial(enough, number)))
+        for number, (joints, most) in enumerate(kinds)
+    ]
     return _limited(world, bounds)
+
+
+def _least(most: float, enough: Callable[[float], bool]) -> float:
+    """The least limit up to `most` that is enough, in parts of it; LOOSE if none is."""
+    low, high = 0, PARTS + 1  # too weak, strong enough
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if enough(most * middle / PARTS) else (middle, high)
+    return most * high / PARTS if high <= PARTS else LOOSE
 
 
 def _limited(world: World, limits: list[Limit]) -> World:

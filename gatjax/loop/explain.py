@@ -51,6 +51,7 @@ def explained(setting: Setting) -> list[Entry]:
         setting.progress.work(DIAGNOSIS_UNIT * share)
 
     if not file.exists() and not skipped.exists():
+        collect(setting, setting.robot, "robot_0", THETA0)  # it may be tried again
         try:
             diagnosed(setting, work)
             write_world(file, extended(setting), {"verb": "run"}, None)
@@ -117,12 +118,11 @@ def extended(setting: Setting) -> World:
     """Return the nominal simulator with what the diagnosis found, for a search.
 
     The search keeps to torques that the robot's walks bear out (`bounded`). The world
-    keeps the nominal physics step, so that a search in it takes as long as any and that
-    what is compared differs by the causes alone.
+    keeps the nominal physics step, so that worlds differ by the causes alone.
 
     Raises:
-        ValueError: nothing was found, it predicts the held-out motion no better, or
-            theta0 falls with it.
+        ValueError: nothing was found, it predicts the held-out motion no better or
+            diverges, or theta0 falls with it.
     """
     folder = setting.folder / "diagnosis"
     found, _ = read_world(folder / "world.json", setting.task)
@@ -147,17 +147,23 @@ def extended(setting: Setting) -> World:
     for row in rows:
         role = row.get("role", "cause")
         world = add_cause(world, row["cause"], row["where"], row["values"], role)
+    _stand(setting, world, "that the diagnosis extended")
     walks = collect(setting, setting.robot, "robot_0", THETA0)
     setting.progress.stage("find the torques that the robot's walks bear out")
     world = bounded(world, walks, setting.settings.seed)
+    _stand(setting, world, "kept to the torques that theta0's walks bear out")
+    return world
+
+
+def _stand(setting: Setting, world: World, text: str) -> None:
+    """Raise a ValueError where theta0 falls in a simulation."""
     keys = jax.random.split(setting.key(2, 0), STABILITY_ROLLOUTS)
     falls = count_falls(prepare(world, "native"), world.values, THETA0, keys)
     if falls:
         raise ValueError(
             f"theta0 falls in {falls} of {STABILITY_ROLLOUTS} walks in the simulation "
-            f"that the diagnosis extended"
+            f"{text}"
         )
-    return world
 
 
 def _only(recording: Recording, ids: np.ndarray) -> Recording:

@@ -17,7 +17,8 @@ NOTE = (
     "<p class=note>Angles of all walking joints together (rms), on held-out walks "
     "of the robot with theta0, which neither diagnosis nor GAT has seen. Explained: "
     "the part of the way from the nominal simulator to GAT after diagnosis that the "
-    "named causes and the calibration go; learned: the rest, which the network goes. "
+    "named causes, the calibration and the bounds of torques go; learned: the rest, "
+    "which the network goes. "
     "Below 0 %: away from the robot.</p>"
 )
 

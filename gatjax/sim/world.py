@@ -180,7 +180,7 @@ def add_cause(
     full = causes.completed(row)
     parts = entry.active(full)
     places = [causes.places(world.model, row, part) for part in parts]
-    if role == "cause" or any(part.slot != "body" for part in parts):
+    if role != "calibration" or any(part.slot != "body" for part in parts):
         check_range(name, entry, full)
     added: dict[str, Any] = {}
     numbers: dict[str, Any] = {}
