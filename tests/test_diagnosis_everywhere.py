@@ -9,9 +9,9 @@ from gatjax.diagnosis.agreed import CHANCE
 from gatjax.diagnosis.case import held, prepare
 from gatjax.diagnosis.claims import SHARED, WHOLE, Claim
 from gatjax.diagnosis.everywhere import Option
-from gatjax.diagnosis.fit import Fit
+from gatjax.diagnosis.fit import Fit, put_together, start
 from gatjax.diagnosis.given import Logs, given
-from gatjax.diagnosis.hypotheses import Hypothesis
+from gatjax.diagnosis.hypotheses import COUNT, Hypothesis
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.start import Start
 from gatjax.diagnosis.tolerances import USUAL
@@ -157,6 +157,25 @@ def test_causes_count_without_the_joint_that_they_explain_worst(monkeypatch):
 def test_few_joints_that_are_still_wrong_are_odd(monkeypatch, wrong, count, odd):
     monkeypatch.setattr(everywhere, "_left", lambda judge, known: wrong)
     assert everywhere.odd_ones(object.__new__(Judge), [fit("")] * count) == odd
+
+
+def test_an_odd_joint_has_the_value_of_the_others_and_no_say(tmp_path):
+    judge = judged(tmp_path, late)
+    every = tuple(range(len(judge.joints)))
+    law = next(h for h in bank.CAUSES if h.cause == "command_delay")
+    low, high = np.array(law.low), np.array(law.high)
+    theirs, own = 0.7 * low + 0.3 * high, 0.1 * low + 0.9 * high
+    free = []
+    for k in every:
+        parts = [(law, own if k == ODD else theirs)]
+        free += start(judge.joints[k], [put_together(np.zeros(COUNT), parts)])
+    for groups in ([every], [(k,) for k in every]):
+        _, claims, known = agreed._divided(judge, free, free, 0, groups, {ODD})
+        for claim in claims:
+            assert claim.own == pytest.approx(theirs)
+        assert len(known) == len(every)
+    _, (claim,), _ = agreed._divided(judge, free, free, 0, [every], set())
+    assert claim.own != pytest.approx(theirs, rel=1e-3)
 
 
 def test_what_one_cause_may_explain_is_left_to_the_usual_way(tmp_path):

@@ -40,7 +40,7 @@ WIDTHS, NEAR = (4, 3), 0.75  # starts that get one more, their least share of ga
 MOST = 6  # causes
 TURNS = 3  # of exchanges after each new cause
 REFITTING = 8  # iterations of a joint that a cause was taken from
-MANY, ODD = 5, 0.2  # joints from which on some may be odd, their largest share
+MANY, ODD = 5, 0.2  # joints from which on one may be odd, the largest share of such
 
 
 class Option(NamedTuple):
@@ -295,5 +295,4 @@ def _but_one(nats: Collection[float], odd: Callable[..., float]) -> float:
 def odd_ones(judge: Judge, known: list[Fit]) -> set[int]:
     """Joints that are still wrong, if they are so few that something else is theirs."""
     wrong = _left(judge, dict(enumerate(known)))
-    few = len(known) >= MANY and len(wrong) <= ODD * len(known)
-    return set(wrong) if few else set()
+    return set(wrong) if len(wrong) <= ODD * len(known) else set()
