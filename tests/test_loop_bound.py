@@ -77,6 +77,12 @@ def test_a_simulation_that_diverges_bears_nothing_out(walks, monkeypatch):
         bounded(nominal(TASK), walks, SEED)
 
 
+def test_a_motor_that_no_bound_suits_has_none(walks, monkeypatch):
+    errors = iter([1.0])  # without bounds; worse with any
+    monkeypatch.setattr(prediction, "error_ahead", lambda *_: next(errors, 2.0))
+    assert bounded(nominal(TASK), walks, SEED).causes == nominal(TASK).causes
+
+
 @pytest.mark.parametrize(
     ("least", "found"), [(3.2, 3.5), (0.1, 0.5), (9.9, 10.0), (10.1, LOOSE)]
 )

@@ -80,15 +80,10 @@ def common(judge: Judge, claims: list[Claim]) -> bool:
 
 
 def _size(judge: Judge, claim: Claim) -> float:
-    """Main parameter of a cause at the first of its joints, from where it does nothing.
-
-    In the catalogue's unit; what is neutral at infinity counts from zero.
-    """
+    """Size of a cause at the first of its joints, in the catalogue's unit."""
     hypothesis, entry = claim.hypothesis, cause(claim.hypothesis.cause)
     values = hypothesis.values(judge.joints[claim.where[0]], claim.own)
-    return values[entry.main.name] - (
-        entry.neutral if np.isfinite(entry.neutral) else 0
-    )
+    return entry.size(values[entry.main.name])
 
 
 def _weak(judge: Judge, claims: list[Claim]) -> bool:

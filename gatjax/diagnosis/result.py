@@ -57,7 +57,7 @@ def interval(verdict: Verdict, claim: Claim, seed: int) -> dict[str, dict[str, A
         if (claim.lost or claim.stance) and name == entry.main.name:
             low_value, high_value = min(draws[name]), max(draws[name])
         if name == entry.main.name:
-            size = abs(value - entry.neutral) if np.isfinite(entry.neutral) else value
+            size = abs(entry.size(value))
             low_value = min(low_value, value - MODEL_ERROR * size)
             high_value = max(high_value, value + MODEL_ERROR * size)
         out[name] = {

@@ -62,6 +62,10 @@ class Cause(NamedTuple):
         """Whether a main value changes nothing."""
         return value == self.neutral or bool(np.isnan(value) and np.isnan(self.neutral))
 
+    def size(self, value: float) -> float:
+        """A main value from where it changes nothing; from 0 if that is no number."""
+        return value - (self.neutral if np.isfinite(self.neutral) else 0.0)
+
     def active(self, values: Mapping[str, float]) -> tuple[Part, ...]:
         """Return the parts that act in the variant that complete values choose."""
         return tuple(

@@ -33,9 +33,9 @@ Limit = tuple[list[str], float]  # of the joints of a kind of motor, N m
 def bounded(world: World, walks: Recording, seed: int) -> World:
     """Add limits of the motors' net torque, the least that the walks bear out.
 
-    Each kind of motor has one: below it, and with no bound of the others, the world
-    predicts the walking joints half a second ahead worse by a twentieth. Walks that
-    only test predictions are left alone.
+    Each kind of motor has one, unless even its torque limit is too low for one: below
+    it, and with no bound of the others, the world predicts the walking joints half a
+    second ahead worse by a twentieth. Walks that only test predictions do not count.
 
     Args:
         world: what a diagnosis made of the nominal NAO.
@@ -71,7 +71,7 @@ def bounded(world: World, walks: Recording, seed: int) -> World:
         (joints, _least(most, partial(enough, number)))
         for number, (joints, most) in enumerate(kinds)
     ]
-    return _limited(world, bounds)
+    return _limited(world, [bound for bound in bounds if bound[1] < LOOSE])
 
 
 def _least(most: float, enough: Callable[[float], bool]) -> float:

@@ -51,10 +51,10 @@ def explained(setting: Setting) -> list[Entry]:
         setting.progress.work(DIAGNOSIS_UNIT * share)
 
     if not file.exists() and not skipped.exists():
-        collect(setting, setting.robot, "robot_0", THETA0)  # it may be tried again
+        walks = collect(setting, setting.robot, "robot_0", THETA0)  # or try again later
         try:
             diagnosed(setting, work)
-            write_world(file, extended(setting), {"verb": "run"}, None)
+            write_world(file, extended(setting, walks), {"verb": "run"}, None)
         except np.linalg.LinAlgError:
             raise
         except ValueError as error:
@@ -114,7 +114,7 @@ def logs(setting: Setting) -> tuple[str, list[Recording], list[Recording]]:
     return model, [fit], [held]
 
 
-def extended(setting: Setting) -> World:
+def extended(setting: Setting, walks: Recording) -> World:
     """Return the nominal simulator with what the diagnosis found, for a search.
 
     The search keeps to torques that the robot's walks bear out (`bounded`). The world
@@ -148,7 +148,6 @@ def extended(setting: Setting) -> World:
         role = row.get("role", "cause")
         world = add_cause(world, row["cause"], row["where"], row["values"], role)
     _stand(setting, world, "that the diagnosis extended")
-    walks = collect(setting, setting.robot, "robot_0", THETA0)
     setting.progress.stage("find the torques that the robot's walks bear out")
     world = bounded(world, walks, setting.settings.seed)
     _stand(setting, world, "kept to the torques that theta0's walks bear out")
