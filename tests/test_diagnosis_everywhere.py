@@ -132,25 +132,6 @@ def test_the_joints_are_explained_to_near_the_noise(verdict):
 
 
 @pytest.mark.parametrize(
-    ("gains", "total"),
-    [
-        ({0: 9000.0, 1: 30.0, 2: 20.0, 3: 40.0, 4: 25.0}, 115.0),
-        ({0: 9000.0, 1: 30.0, 2: 20.0, 3: 40.0}, 9090.0),  # too few to tell who is odd
-    ],
-)
-def test_a_cause_counts_without_the_joint_that_it_helps_most(gains, total):
-    assert option("lag", 0.0)._replace(gains=gains).gain == total
-
-
-def test_causes_count_without_the_joint_that_they_explain_worst(monkeypatch):
-    nats = [-5.0, -900.0, -7.0, -6.0, -4.0]
-    monkeypatch.setattr(everywhere, "_nats", lambda joint, fit: nats[joint])
-    judge = object.__new__(Judge)
-    judge.joints = list(range(5))
-    assert everywhere._total(judge, dict.fromkeys(range(5), fit(""))) == -22.0
-
-
-@pytest.mark.parametrize(
     ("wrong", "count", "odd"),
     [([3], 6, {3}), ([3, 4], 6, set()), ([3, 4], 12, {3, 4}), ([3], 4, set())],
 )
@@ -191,7 +172,7 @@ def fit(words):
 
 def option(cause, gain, after=""):
     law = Hypothesis(cause, "", lambda *_: None, (), (), (), (), lambda *_: {})
-    return Option(law, {0: gain}, {0: fit(after)})
+    return Option(law, {0: gain}, {0: fit(after)}, gain)
 
 
 class Story:
@@ -208,15 +189,18 @@ class Story:
             return {0: fit(" ".join(c for c in words(known).split() if c != cause))}
 
         def scored(judge, option, known, base):
-            return option._replace(gains={0: nats[words(known)] - nats[words(base)]})
+            gain = nats[words(known)] - nats[words(base)]
+            return option._replace(gains={0: gain}, gain=gain)
 
         self.words = words
         for name, function in {
             "_without": without, "_scored": scored,
-            "_total": lambda judge, known: nats[words(known)],
             "_ranked": lambda judge, known, beside: ranked.get(words(known), []),
         }.items():  # fmt: skip
             monkeypatch.setattr(everywhere, name, function)
+        told = lambda joints, known: nats[words(known)]  # noqa: E731
+        monkeypatch.setattr(everywhere.sharing, "nats", told)
+        monkeypatch.setattr(Judge, "joints", [], raising=False)
 
     def improved(self, *found):
         """The causes that are left, each with what was weighed in its place."""

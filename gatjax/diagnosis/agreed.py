@@ -15,7 +15,6 @@ from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.case import mapped
 from gatjax.diagnosis.claims import (
     LATER,
-    WHOLE,
     Claim,
     price,
     shared_value,
@@ -26,13 +25,12 @@ from gatjax.diagnosis.findings import VISIBLE
 from gatjax.diagnosis.fit import Fit, parts_of, put_together, refitted
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, pinned
 from gatjax.diagnosis.judge import Judge
+from gatjax.diagnosis.sharing import Group, divisions
 from gatjax.effects.catalogue import cause
 
 ALIKE, MOSTLY = 0.25, 0.75  # of their median, of the joints: values that are near it
 CHANCE = 6  # joints whose values are not alike by chance
 FREE, HELD = 12, 3  # iterations of a joint with values of its own, and with given ones
-
-Group = tuple[int, ...]
 
 
 class Valued(NamedTuple):
@@ -106,30 +104,18 @@ def _agreed(
         tried = fits.start(joint, [put_together(x, parts) for x in starts])
         return fits.improve(joint, [min(tried, key=lambda fit: fit.cost)], FREE)[0]
 
-    free = mapped(one, range(len(judge.joints)))
+    every = range(len(judge.joints))
+    free = mapped(one, every)
     known, claims, odd = free, [], odd_ones(judge, free)
     for number, hypothesis in enumerate(hypotheses):
         tried = [
             _divided(judge, known, free, number, groups, odd)
-            for groups in _divisions(judge, hypothesis)
+            for groups in divisions(judge.joints, every, hypothesis.cause)
         ]
         _, mine, known = max(tried, key=lambda each: each[0])
         claims.append(mine)
     weighed = [_weighed(judge, known, n, mine, odd) for n, mine in enumerate(claims)]
     return weighed, known
-
-
-def _divisions(judge: Judge, hypothesis: Hypothesis) -> list[list[Group]]:
-    """Ways to divide the joints into those with one value."""
-    every = tuple(range(len(judge.joints)))
-    motors: dict[tuple, Group] = {}
-    for k in every:
-        motor = judge.joints[k].motor
-        motors[motor] = (*motors.get(motor, ()), k)
-    ways = [[every], list(motors.values()), [(k,) for k in every]]
-    if hypothesis.cause in WHOLE:
-        return ways[:1]
-    return [way for n, way in enumerate(ways) if way not in ways[:n]]
 
 
 def _divided(

@@ -9,13 +9,12 @@ changes (beam search, then stepwise selection with exchange, a group a cause).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
 from typing import NamedTuple
 
 import numpy as np
 
 from gatjax.diagnosis import fit as fits
-from gatjax.diagnosis import search
+from gatjax.diagnosis import search, sharing
 from gatjax.diagnosis.aliases import covered
 from gatjax.diagnosis.bank import CAUSES, of_drive
 from gatjax.diagnosis.case import mapped
@@ -36,27 +35,20 @@ from gatjax.diagnosis.judge import Judge
 FEWEST, SHARE = 3, 0.5  # joints that are wrong at least, and their share of all
 ALONE = 0.05  # of its rms misfit, that a single cause may leave at a joint
 PROBES = 6  # joints that are looked at
-WIDTHS, NEAR = (4, 3), 0.75  # starts that get one more, their least share of gain
+WIDTHS, NEAR = (4, 3), 0.5  # starts that get one more, their least share of gain
 MOST = 6  # causes
 TURNS = 3  # of exchanges after each new cause
 REFITTING = 8  # iterations of a joint that a cause was taken from
-MANY, ODD = 5, 0.2  # joints from which on one may be odd, the largest share of such
+ODD = 0.2  # the largest share of joints that are wrong in ways of their own
 
 
 class Option(NamedTuple):
     """A cause beside others, with a value of its own at each joint that it helps."""
 
     hypothesis: Hypothesis
-    gains: dict[int, float]  # nats
+    gains: dict[int, float]  # nats, each joint by itself
     fits: dict[int, Fit]  # as it was proposed: the cause comes last
-
-    @property
-    def gain(self) -> float:
-        """Nats, these joints together but for the one that it helps most, if many.
-
-        A joint that is wrong in a way of its own pays most for what imitates it.
-        """
-        return _but_one(self.gains.values(), max)
+    gain: float = 0.0  # nats, all joints together
 
     @property
     def own(self) -> np.ndarray:
@@ -95,7 +87,7 @@ def causes(judge: Judge) -> list[list[Option]]:
     judge.tell("everywhere", 0.0)
     firsts = _ranked(judge, known, [])
     left = _left(judge, known | firsts[0].fits) if firsts else []
-    if not firsts or _few(left, len(known)):
+    if len(left) <= ODD * len(known):
         return [firsts] if left else []
     found, known = _begun(judge, firsts, known)
     while 0 < len(found) < MOST:
@@ -108,7 +100,7 @@ def causes(judge: Judge) -> list[list[Option]]:
         if {each[0].law for each in found} <= {option.law for option in beside}:
             break
     if len(found) < 2:
-        return []
+        return [firsts] if _few(left, len(known)) else []
     return [[_current(mine, known), *rivals] for mine, *rivals in found]
 
 
@@ -139,15 +131,13 @@ def _begun(judge: Judge, firsts: list[Option], known: Fits) -> Partial:
             if options:
                 starts[place] = Partial([*found, options], fitted | options[0].fits)
         starts = _nearest(judge, starts, known)
-        if _few(_left(judge, starts[0].known), len(known)):
-            break
     return _improved(judge, *starts[0])
 
 
 def _nearest(judge: Judge, starts: list[Partial], known: Fits) -> list[Partial]:
     """Starts that are near the best, best first; one of each set of causes."""
-    before = _total(judge, known)
-    gains = [_total(judge, start.known) - before for start in starts]
+    before = sharing.nats(judge.joints, known)
+    gains = [sharing.nats(judge.joints, start.known) - before for start in starts]
     order = sorted(range(len(starts)), key=lambda n: -gains[n])
     kept: dict[frozenset, Partial] = {}
     for n in order:
@@ -206,7 +196,12 @@ def _ranked(judge: Judge, known: Fits, beside: list[Option]) -> list[Option]:
             option = options.setdefault(newest.law, Option(newest, {}, {}))
             if gain > 0.0:
                 option.gains[index], option.fits[index] = gain, fit
-    common = [option for option in options.values() if option.common(len(known))]
+    before = sharing.nats(judge.joints, known)
+    common = [
+        o._replace(gain=sharing.nats(judge.joints, known | o.fits) - before)
+        for o in options.values()
+        if o.common(len(known))
+    ]
     return sorted(common, key=lambda option: -option.gain)
 
 
@@ -224,8 +219,8 @@ def _improved(judge: Judge, found: list[list[Option]], known: Fits) -> Partial:
             options = _ranked(judge, base, [each[0] for each in rest])
             mine = _scored(judge, mine, known, base)
             tried = base | options[0].fits if options else base
-            few, worth = not mine.common(len(known)), _total(judge, known)
-            if options and (few or _total(judge, tried) > worth):
+            few, worth = not mine.common(len(known)), sharing.nats(judge.joints, known)
+            if options and (few or sharing.nats(judge.joints, tried) > worth):
                 known, found[place] = tried, options
                 moved = options[0].law != mine.law
             elif not few:
@@ -247,7 +242,8 @@ def _scored(judge: Judge, option: Option, known: Fits, base: Fits) -> Option:
         for k, fit in known.items()
         if _has(fit, option.hypothesis.cause)
     }
-    return option._replace(gains=gains)
+    gain = sharing.nats(judge.joints, known) - sharing.nats(judge.joints, base)
+    return option._replace(gains=gains, gain=gain)
 
 
 def _current(option: Option, known: Fits) -> Option:
@@ -280,16 +276,6 @@ def _nats(joint: Joint, fit: Fit) -> float:
         price += occam(part, own, sure) + PLACE
         first += len(own)
     return fits.evidence(joint, fit) - price
-
-
-def _total(judge: Judge, known: Fits) -> float:
-    """Evidence at some joints but for the worst of them, if they are many."""
-    return _but_one([_nats(judge.joints[k], fit) for k, fit in known.items()], min)
-
-
-def _but_one(nats: Collection[float], odd: Callable[..., float]) -> float:
-    """Sum of what joints say without the oddest of many (a trimmed likelihood)."""
-    return sum(nats) - (odd(nats) if len(nats) >= MANY else 0.0)
 
 
 def odd_ones(judge: Judge, known: list[Fit]) -> set[int]:
