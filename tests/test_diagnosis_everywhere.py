@@ -272,8 +272,9 @@ def test_it_begins_with_the_causes_that_explain_most_together(
         "gain": [option("rub", 220.0, "gain rub")],
         "limit": [option("lag", 310.0, "limit lag")],
         "gain rub": [option("delay", third, "gain rub delay")],
+        "sag": [option("lag", 900.0, "sag lag")],
     }
-    monkeypatch.setattr(everywhere, "_left", lambda judge, known: [0] * 9)
+    nats["sag lag"] = 990.0
     monkeypatch.setattr(Judge, "tell", lambda *_: None, raising=False)
     story = Story(monkeypatch, nats | {"sag": 90.0}, ranked)
     found, known = everywhere._begun(object.__new__(Judge), firsts, {0: fit("")})
@@ -281,20 +282,78 @@ def test_it_begins_with_the_causes_that_explain_most_together(
     assert story.words(known) == " ".join(expected)
 
 
-@pytest.mark.parametrize("left, taken", [([], []), ([5], ["lag"])])
-def test_one_cause_is_taken_where_something_else_is_wrong_besides(
-    monkeypatch, left, taken
+@pytest.mark.parametrize(
+    "left, beside, taken",
+    [
+        ([], True, []),
+        ([5], True, ["lag"]),  # something else is wrong there
+        ([4, 5], True, ["lag", "rub"]),
+        ([4, 5], False, ["lag"]),
+        ([3, 4, 5], False, []),
+    ],
+)
+def test_one_cause_is_taken_where_little_is_wrong_besides(
+    monkeypatch, left, beside, taken
 ):
     judge = object.__new__(Judge)
     judge.most, judge.joints, judge.tell = 3, [None] * 6, lambda *_: None
     judge.known = [fit("")] * 6
-    lag = option("lag", 300.0)._replace(fits={k: fit("lag") for k in range(6)})
-    monkeypatch.setattr(everywhere, "_ranked", lambda *_: [lag])
+    lag, rub = (
+        option(cause, 300.0)._replace(fits={k: fit(cause) for k in range(6)})
+        for cause in ("lag", "rub")
+    )
+    ranked = {(): [lag], ("lag",): [rub] if beside else []}
+
+    def rank(judge, known, beside):
+        return ranked.get(tuple(each.hypothesis.cause for each in beside), [])
+
+    monkeypatch.setattr(everywhere, "_ranked", rank)
+    same = lambda judge, found, known: everywhere.Partial(found, known)  # noqa: E731
+    monkeypatch.setattr(everywhere, "_improved", same)
+    nats = lambda joints, known: 300.0 * (known[0] is not judge.known[0])  # noqa: E731
+    monkeypatch.setattr(everywhere.sharing, "nats", nats)
     monkeypatch.setattr(everywhere, "_probes", lambda judge, wrong: wrong)
+    monkeypatch.setattr(everywhere, "_current", lambda option, known: option)
     wrong = lambda judge, known: left if known[0] is lag.fits[0] else [*known]  # noqa: E731
     monkeypatch.setattr(everywhere, "_left", wrong)
     found = everywhere.causes(judge)
     assert [first.hypothesis.cause for first, *_ in found] == taken
+
+
+@pytest.mark.parametrize("together, kept", [(9.0, []), (11.0, ["command_delay"])])
+def test_a_cause_that_joints_want_otherwise_is_none_of_the_robot(
+    monkeypatch, tmp_path, together, kept
+):
+    judge = judged(tmp_path)
+    law = next(h for h in bank.CAUSES if h.cause == "command_delay")
+
+    def proposals(joint, known, allowed):
+        parts = [(law, np.array(law.low))]
+        return start(joint, [put_together(np.zeros(COUNT), parts)])
+
+    healthy = fit("")
+    monkeypatch.setattr(everywhere.search, "proposals", proposals)
+    monkeypatch.setattr(
+        everywhere, "_nats", lambda joint, fit: 0.0 if fit is healthy else 500.0
+    )
+    monkeypatch.setattr(everywhere.sharing, "gained", lambda *_: together)
+    known = dict.fromkeys(range(6), healthy)
+    found = everywhere._ranked(judge, known, [])
+    assert [option.hypothesis.cause for option in found] == kept
+
+
+@pytest.mark.parametrize("together, kept", [(9.0, ["delay"]), (11.0, ["lag", "delay"])])
+def test_a_cause_that_joints_want_otherwise_now_is_dropped(monkeypatch, together, kept):
+    story = Story(monkeypatch, {"lag delay": 600.0, "delay": 100.0}, {})
+    scored = everywhere._scored
+
+    def weighed(judge, mine, known, base):
+        gain = {"lag": together}.get(mine.hypothesis.cause, 90.0)
+        return scored(judge, mine, known, base)._replace(gain=gain)
+
+    monkeypatch.setattr(everywhere, "_scored", weighed)
+    causes, _ = story.improved(("lag", 80.0), ("delay", 60.0))
+    assert [first for first, *_ in causes] == kept
 
 
 def test_a_cause_is_of_the_robot_only_if_it_is_worth_it_at_most_joints():

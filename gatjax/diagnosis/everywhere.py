@@ -87,7 +87,7 @@ def causes(judge: Judge) -> list[list[Option]]:
     judge.tell("everywhere", 0.0)
     firsts = _ranked(judge, known, [])
     left = _left(judge, known | firsts[0].fits) if firsts else []
-    if len(left) <= ODD * len(known):
+    if len(left) <= max(1, ODD * len(known)):
         return [firsts] if left else []
     found, known = _begun(judge, firsts, known)
     while 0 < len(found) < MOST:
@@ -99,8 +99,8 @@ def causes(judge: Judge) -> list[list[Option]]:
         found, known = _improved(judge, [*found, options], known | options[0].fits)
         if {each[0].law for each in found} <= {option.law for option in beside}:
             break
-    if len(found) < 2:
-        return [firsts] if _few(left, len(known)) else []
+    if len(found) < 2 and not _few(left, len(known)):
+        return []
     return [[_current(mine, known), *rivals] for mine, *rivals in found]
 
 
@@ -196,13 +196,13 @@ def _ranked(judge: Judge, known: Fits, beside: list[Option]) -> list[Option]:
             option = options.setdefault(newest.law, Option(newest, {}, {}))
             if gain > 0.0:
                 option.gains[index], option.fits[index] = gain, fit
-    before = sharing.nats(judge.joints, known)
     common = [
-        o._replace(gain=sharing.nats(judge.joints, known | o.fits) - before)
+        o._replace(gain=sharing.gained(judge.joints, known, known | o.fits))
         for o in options.values()
         if o.common(len(known))
     ]
-    return sorted(common, key=lambda option: -option.gain)
+    worth = [option for option in common if option.gain > LATER]
+    return sorted(worth, key=lambda option: -option.gain)
 
 
 def _improved(judge: Judge, found: list[list[Option]], known: Fits) -> Partial:
@@ -219,7 +219,8 @@ def _improved(judge: Judge, found: list[list[Option]], known: Fits) -> Partial:
             options = _ranked(judge, base, [each[0] for each in rest])
             mine = _scored(judge, mine, known, base)
             tried = base | options[0].fits if options else base
-            few, worth = not mine.common(len(known)), sharing.nats(judge.joints, known)
+            few = mine.gain <= LATER or not mine.common(len(known))
+            worth = sharing.nats(judge.joints, known)
             if options and (few or sharing.nats(judge.joints, tried) > worth):
                 known, found[place] = tried, options
                 moved = options[0].law != mine.law
@@ -242,7 +243,7 @@ def _scored(judge: Judge, option: Option, known: Fits, base: Fits) -> Option:
         for k, fit in known.items()
         if _has(fit, option.hypothesis.cause)
     }
-    gain = sharing.nats(judge.joints, known) - sharing.nats(judge.joints, base)
+    gain = sharing.gained(judge.joints, base, known)
     return option._replace(gains=gains, gain=gain)
 
 

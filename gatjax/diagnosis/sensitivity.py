@@ -72,12 +72,13 @@ def smallest(judge: Judge) -> list[dict[str, Any]]:
                 continue
             cause, value = ladder.hypothesis.cause, ladder.value(joint, rung)
             main = CATALOGUE[cause].main
+            severity = abs(CATALOGUE[cause].severity(value))
             row = {
                 "cause": cause, "where": [joint.name], "parameter": main.name,
                 "value": value, "unit": main.unit, "at_most": bool(margin[0] >= 0.0),
             }  # fmt: skip
-            if cause not in best or _size(cause, value) < best[cause][0]:
-                best[cause] = _size(cause, value), row
+            if cause not in best or severity < best[cause][0]:
+                best[cause] = severity, row
     return [row for _, row in best.values()]
 
 
@@ -86,12 +87,6 @@ def _told(judge: Judge, index: int) -> set[str]:
     claims = [claim for claim in judge.accepted if index in claim.where]
     count = len(judge.joints)
     return {cause for claim in claims for cause in alias(claim.hypothesis, count)}
-
-
-def _size(cause: str, value: float) -> float:
-    """How far a parameter is from the simulation without the cause."""
-    neutral = CATALOGUE[cause].neutral
-    return abs(value - neutral) if np.isfinite(neutral) else 1.0 / value
 
 
 def _ladders(joint: Joint, hypothesis: Hypothesis) -> list[Ladder]:
@@ -108,9 +103,10 @@ def _ladders(joint: Joint, hypothesis: Hypothesis) -> list[Ladder]:
         _along(hypothesis, rest) for rest in rests[: 1 if hypothesis.geared else OTHERS]
     ]
     ends = [found[0].value(joint, end) for end in (low[0], high[0])]
-    if ends[0] < CATALOGUE[hypothesis.cause].neutral < ends[1]:  # at coordinate 0
+    entry = CATALOGUE[hypothesis.cause]
+    if ends[0] < entry.neutral < ends[1]:  # at coordinate 0
         return [_from_nothing(hypothesis, 0, sign, rests[0]) for sign in (-1.0, 1.0)]
-    if _size(hypothesis.cause, ends[0]) < _size(hypothesis.cause, ends[1]):
+    if abs(entry.severity(ends[0])) < abs(entry.severity(ends[1])):
         return found
     return [ladder._replace(rungs=ladder.rungs[::-1]) for ladder in found]
 

@@ -66,6 +66,10 @@ class Cause(NamedTuple):
         """A main value from where it changes nothing; from 0 if that is no number."""
         return value - (self.neutral if np.isfinite(self.neutral) else 0.0)
 
+    def severity(self, value: float) -> float:
+        """How much a main value does: from where it does nothing, a limit inversely."""
+        return value - self.neutral if np.isfinite(self.neutral) else 1.0 / value
+
     def active(self, values: Mapping[str, float]) -> tuple[Part, ...]:
         """Return the parts that act in the variant that complete values choose."""
         return tuple(

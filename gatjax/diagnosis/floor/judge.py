@@ -121,13 +121,12 @@ class StandingJudge(Judge):
     def _resized(self, claim: Claim, size: float) -> np.ndarray:
         """The coordinate [1] at which a cause is so many times as large as it is."""
         hypothesis, joint = claim.hypothesis, self.joints[claim.where[0]]
-        main = CATALOGUE[hypothesis.cause].main.name
-        neutral = CATALOGUE[hypothesis.cause].neutral
+        entry = CATALOGUE[hypothesis.cause]
         ladder = np.linspace(hypothesis.low[0], hypothesis.high[0], LADDER)
 
         def severity(x: float) -> float:
-            value = hypothesis.values(joint, np.array([x]))[main]
-            return value - neutral if np.isfinite(neutral) else 1.0 / value
+            values = hypothesis.values(joint, np.array([x]))
+            return entry.severity(values[entry.main.name])
 
         wanted = size * severity(float(claim.own[0]))
         apart = [abs(severity(float(x)) - wanted) for x in ladder]
