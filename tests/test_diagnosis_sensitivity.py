@@ -16,6 +16,7 @@ from gatjax.diagnosis.findings import AGAIN, SEEN, VISIBLE
 from gatjax.diagnosis.hypotheses import COUNT, tolerated
 from gatjax.diagnosis.joint import Joint
 from gatjax.diagnosis.judge import Judge
+from gatjax.effects.catalogue import CATALOGUE
 
 LOADED, OFFSET = "of the servo's torque", "log only"
 FEW = [
@@ -130,13 +131,15 @@ def test_more_is_asked_beside_a_named_cause_and_of_a_standing_robot(judge):
     assert findings.needed(judge, [0]) == (AGAIN, VISIBLE)
     judge.accepted, judge.worth = [], LATER
     standing = found(judge)
-    size = {cause: sensitivity._size(cause, row["value"])
-            for cause, row in alone.items()}  # fmt: skip
+
+    def severity(cause, row):
+        return abs(CATALOGUE[cause].severity(row["value"]))
+
     for cause, row in beside.items():
-        assert sensitivity._size(cause, row["value"]) > 1.2 * size[cause]
+        assert severity(cause, row) > 1.2 * severity(cause, alone[cause])
     for cause in ("command_delay", "encoder_offset", "load_friction"):
-        value = standing[cause]["value"]
-        assert sensitivity._size(cause, value) > 1.2 * size[cause]
+        least = 1.2 * severity(cause, alone[cause])
+        assert severity(cause, standing[cause]) > least
     judge.accepted = [claim] * judge.most
     assert sensitivity.smallest(judge) == []
 
