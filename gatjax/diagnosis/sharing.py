@@ -71,10 +71,10 @@ class _Held(NamedTuple):
         """With a value [count] of the last coordinates, and the rest moved along."""
         fit, rest = self.fit, slice(0, -len(own))
         last, square = slice(-len(own), None), fit.information.copy()
-        far = own - fit.x[last]
-        sure = np.linalg.pinv(np.linalg.pinv(square)[last, last])
-        x = fit.x.copy()
-        x[rest] -= np.linalg.pinv(square[rest, rest]) @ square[rest, last] @ far
+        far, x = own - fit.x[last], fit.x.copy()
+        along = np.linalg.pinv(square[rest, rest]) @ square[rest, last]
+        sure = square[last, last] - square[last, rest] @ along  # Schur complement
+        x[rest] -= along @ far
         x[last] = own
         square[last], square[:, last] = 0.0, 0.0
         square[last, last] = np.eye(len(own))
