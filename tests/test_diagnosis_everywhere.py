@@ -8,11 +8,11 @@ from gatjax.diagnosis import agreed, bank, everywhere
 from gatjax.diagnosis.agreed import CHANCE
 from gatjax.diagnosis.case import held, prepare
 from gatjax.diagnosis.claims import SHARED, WHOLE, Claim
-from gatjax.diagnosis.everywhere import Option
 from gatjax.diagnosis.fit import Fit, put_together, start
 from gatjax.diagnosis.given import Logs, given
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis
 from gatjax.diagnosis.judge import Judge
+from gatjax.diagnosis.option import Option
 from gatjax.diagnosis.start import Start
 from gatjax.diagnosis.tolerances import USUAL
 from gatjax.diagnosis.verdict import _everywhere as whole
@@ -199,6 +199,7 @@ class Story:
         }.items():  # fmt: skip
             monkeypatch.setattr(everywhere, name, function)
         told = lambda joints, known: nats[words(known)]  # noqa: E731
+        monkeypatch.setattr(everywhere, "retried", lambda judge, known: known)
         monkeypatch.setattr(everywhere.sharing, "nats", told)
         monkeypatch.setattr(Judge, "joints", [], raising=False)
 
@@ -310,6 +311,8 @@ def test_one_cause_is_taken_where_little_is_wrong_besides(
     monkeypatch.setattr(everywhere, "_ranked", rank)
     same = lambda judge, found, known: everywhere.Partial(found, known)  # noqa: E731
     monkeypatch.setattr(everywhere, "_improved", same)
+    for name in ("followed", "retried"):
+        monkeypatch.setattr(everywhere, name, lambda judge, known: known)
     nats = lambda joints, known: 300.0 * (known[0] is not judge.known[0])  # noqa: E731
     monkeypatch.setattr(everywhere.sharing, "nats", nats)
     monkeypatch.setattr(everywhere, "_probes", lambda judge, wrong: wrong)
@@ -333,9 +336,9 @@ def test_a_cause_that_joints_want_otherwise_is_none_of_the_robot(
 
     healthy = fit("")
     monkeypatch.setattr(everywhere.search, "proposals", proposals)
-    monkeypatch.setattr(
-        everywhere, "_nats", lambda joint, fit: 0.0 if fit is healthy else 500.0
-    )
+    alone = lambda joint, fit: 0.0 if fit is healthy else 500.0  # noqa: E731
+    monkeypatch.setattr(everywhere.sharing, "alone", alone)
+    monkeypatch.setattr(everywhere, "spread", lambda *_: None)
     monkeypatch.setattr(everywhere.sharing, "gained", lambda *_: together)
     known = dict.fromkeys(range(6), healthy)
     found = everywhere._ranked(judge, known, [])
@@ -408,6 +411,9 @@ def test_joints_that_agree_on_no_value_have_no_cause_in_common(monkeypatch):
 
     judge = object.__new__(Judge)
     judge.joints, judge.take = [None] * 3, take
+    judge.case, followed = "measured", object.__new__(Judge)
+    followed.case, followed.joints = "followed", [0, 1, 2]
+    monkeypatch.setattr(Judge, "fork", lambda judge: followed)
     lag = option("lag", 300.0).hypothesis
     own = [Claim(lag, np.zeros(1), (k,), {}, 90.0) for k in range(3)]
     shared = [Claim(lag, np.zeros(1), (0, 1, 2), {}, 90.0)]
@@ -416,7 +422,9 @@ def test_joints_that_agree_on_no_value_have_no_cause_in_common(monkeypatch):
         found = [agreed.Valued([], each) for each in claims], [fit("")] * 3
         monkeypatch.setattr(agreed, "valued", lambda judge, causes, found=found: found)
         if claims[1] is own:
-            assert whole(judge) == []
+            assert whole(judge) == [] and judge.case == "measured"
         else:
             with pytest.raises(Taken):
                 whole(judge)
+            assert judge.case == "followed"  # the loads that the causes were found on
+            assert judge.joints is followed.joints

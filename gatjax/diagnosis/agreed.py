@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gatjax.diagnosis import fit as fits
+from gatjax.diagnosis.borrowing import Parts, borrowed
 from gatjax.diagnosis.case import mapped
 from gatjax.diagnosis.claims import (
     LATER,
@@ -20,11 +21,12 @@ from gatjax.diagnosis.claims import (
     shared_value,
     uncertainty,
 )
-from gatjax.diagnosis.everywhere import Option, odd_ones
+from gatjax.diagnosis.everywhere import odd_ones
 from gatjax.diagnosis.findings import VISIBLE
-from gatjax.diagnosis.fit import Fit, parts_of, put_together, refitted
+from gatjax.diagnosis.fit import Fit, parts_of, refitted
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, pinned
 from gatjax.diagnosis.judge import Judge
+from gatjax.diagnosis.option import Option
 from gatjax.diagnosis.sharing import Group, divisions
 from gatjax.effects.catalogue import cause
 
@@ -98,11 +100,13 @@ def _agreed(
     hypotheses = [option.hypothesis for option in options]
     guesses = [option.own for option in options]
 
+    sets = [list(zip(hypotheses, guesses, strict=True)), *_had(options)]
+    probed = options[0].fits
+
     def one(index: int) -> Fit:
-        joint, parts = judge.joints[index], list(zip(hypotheses, guesses, strict=True))
-        starts = (judge.known[index].x[:COUNT], np.zeros(COUNT))
-        tried = fits.start(joint, [put_together(x, parts) for x in starts])
-        return fits.improve(joint, [min(tried, key=lambda fit: fit.cost)], FREE)[0]
+        joint, none = judge.joints[index], np.zeros(COUNT)
+        begun = probed.get(index, judge.known[index]).x[:COUNT]
+        return fits.improve(joint, borrowed(joint, [begun, none], [sets]), FREE)[0]
 
     every = range(len(judge.joints))
     free = mapped(one, every)
@@ -116,6 +120,17 @@ def _agreed(
         claims.append(mine)
     weighed = [_weighed(judge, known, n, mine, odd) for n, mine in enumerate(claims)]
     return weighed, known
+
+
+def _had(options: Sequence[Option]) -> list[Parts]:
+    """All causes as single joints have them that have them all, in the same order."""
+    found = []
+    for fit in options[0].fits.values():
+        own = {part.cause: x for part, x in parts_of(fit)}
+        laws = [option.hypothesis for option in options]
+        if all(law.cause in own for law in laws):
+            found.append([(h, np.clip(own[h.cause], h.low, h.high)) for h in laws])
+    return found
 
 
 def _divided(

@@ -11,58 +11,24 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
-from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis import search, sharing
 from gatjax.diagnosis.aliases import covered
 from gatjax.diagnosis.bank import CAUSES, of_drive
+from gatjax.diagnosis.borrowing import REFITTING, followed, retried, spread
 from gatjax.diagnosis.case import mapped
-from gatjax.diagnosis.claims import (
-    LATER,
-    PLACE,
-    SHARED,
-    occam,
-    shared_value,
-    uncertainty,
-)
+from gatjax.diagnosis.claims import LATER, SHARED
 from gatjax.diagnosis.findings import ROUGH
 from gatjax.diagnosis.fit import Fit, parts_of, refitted, with_last
-from gatjax.diagnosis.hypotheses import COUNT, Hypothesis
-from gatjax.diagnosis.joint import Joint
 from gatjax.diagnosis.judge import Judge
+from gatjax.diagnosis.option import SHARE, Option
 
-FEWEST, SHARE = 3, 0.5  # joints that are wrong at least, and their share of all
+FEWEST = 3  # joints that are wrong at least
 ALONE = 0.05  # of its rms misfit, that a single cause may leave at a joint
 PROBES = 6  # joints that are looked at
 WIDTHS, NEAR = (4, 3), 0.5  # starts that get one more, their least share of gain
 MOST = 6  # causes
 TURNS = 3  # of exchanges after each new cause
-REFITTING = 8  # iterations of a joint that a cause was taken from
 ODD = 0.2  # the largest share of joints that are wrong in ways of their own
-
-
-class Option(NamedTuple):
-    """A cause beside others, with a value of its own at each joint that it helps."""
-
-    hypothesis: Hypothesis
-    gains: dict[int, float]  # nats, each joint by itself
-    fits: dict[int, Fit]  # as it was proposed: the cause comes last
-    gain: float = 0.0  # nats, all joints together
-
-    @property
-    def own(self) -> np.ndarray:
-        """Coordinates of the cause that these joints agree on."""
-        return shared_value(list(self.fits.values()), self.hypothesis)
-
-    @property
-    def law(self) -> tuple[str, str]:
-        """Cause and variant."""
-        return self.hypothesis.law
-
-    def common(self, joints: int) -> bool:
-        """Whether it is worth it at most of some joints."""
-        return sum(gain > LATER for gain in self.gains.values()) > SHARE * joints
 
 
 Fits = dict[int, Fit]  # of the joints that are looked at
@@ -73,6 +39,10 @@ def causes(judge: Judge) -> list[list[Option]]:
 
     Where it is enough at most joints, it is taken with what is wrong at the others left
     to be found beside it.
+
+    Args:
+        judge: knows tolerances only. It gets a case and joints with the loads along the
+            motion that the causes make; what it knows stays as it was without them.
 
     Returns:
         For each cause the options in its place, itself first and then the best.
@@ -92,6 +62,7 @@ def causes(judge: Judge) -> list[list[Option]]:
     found, known = _begun(judge, firsts, known)
     while 0 < len(found) < MOST:
         judge.tell("everywhere", len(found) / MOST)
+        known = followed(judge, known)
         beside = [each[0] for each in found]
         options = _ranked(judge, known, beside)
         if not options:
@@ -127,6 +98,8 @@ def _begun(judge: Judge, firsts: list[Option], known: Fits) -> Partial:
         starts = starts[:width]
         for place, (found, fitted) in enumerate(starts):
             judge.tell("everywhere", (turn + place / width) / len(WIDTHS) / MOST)
+            fitted = retried(judge, fitted)
+            starts[place] = Partial(found, fitted)
             options = _ranked(judge, fitted, [each[0] for each in found])
             if options:
                 starts[place] = Partial([*found, options], fitted | options[0].fits)
@@ -189,13 +162,14 @@ def _ranked(judge: Judge, known: Fits, beside: list[Option]) -> list[Option]:
     options: dict[tuple[str, str], Option] = {}
     for index, rows in zip(known, mapped(one, known), strict=True):
         joint = judge.joints[index]
-        before = _nats(joint, known[index])
+        before = sharing.alone(joint, known[index])
         for fit in rows:
             assert fit.hypothesis is not None
-            newest, gain = fit.hypothesis.newest, _nats(joint, fit) - before
+            newest, gain = fit.hypothesis.newest, sharing.alone(joint, fit) - before
             option = options.setdefault(newest.law, Option(newest, {}, {}))
             if gain > 0.0:
                 option.gains[index], option.fits[index] = gain, fit
+    spread(judge, known, [option for option in options.values() if option.fits])
     common = [
         o._replace(gain=sharing.gained(judge.joints, known, known | o.fits))
         for o in options.values()
@@ -215,7 +189,7 @@ def _improved(judge: Judge, found: list[list[Option]], known: Fits) -> Partial:
         moved, looked = False, found[:-1] if turn == 0 else found
         for place, (mine, *_) in enumerate(looked):
             rest = found[:place] + found[place + 1 :]
-            base = _without(judge, known, mine.hypothesis.cause)
+            base = retried(judge, _without(judge, known, mine.hypothesis.cause))
             options = _ranked(judge, base, [each[0] for each in rest])
             mine = _scored(judge, mine, known, base)
             tried = base | options[0].fits if options else base
@@ -238,11 +212,11 @@ def _improved(judge: Judge, found: list[list[Option]], known: Fits) -> Partial:
 
 def _scored(judge: Judge, option: Option, known: Fits, base: Fits) -> Option:
     """A cause as it stands now, over what is known without it."""
-    gains = {
-        k: _nats(judge.joints[k], fit) - _nats(judge.joints[k], base[k])
-        for k, fit in known.items()
-        if _has(fit, option.hypothesis.cause)
-    }
+    gains = {}
+    for k, fit in known.items():
+        if _has(fit, option.hypothesis.cause):
+            joint = judge.joints[k]
+            gains[k] = sharing.alone(joint, fit) - sharing.alone(joint, base[k])
     gain = sharing.gained(judge.joints, base, known)
     return option._replace(gains=gains, gain=gain)
 
@@ -267,16 +241,6 @@ def _without(judge: Judge, known: Fits, cause: str) -> Fits:
         return refitted(joint, fit, parts, REFITTING)
 
     return dict(zip(known, mapped(one, known), strict=True))
-
-
-def _nats(joint: Joint, fit: Fit) -> float:
-    """Evidence of a fit, less what its causes cost."""
-    price, first = 0.0, COUNT
-    for part, own in parts_of(fit):
-        sure = uncertainty([fit], len(own), first) if len(own) else None
-        price += occam(part, own, sure) + PLACE
-        first += len(own)
-    return fits.evidence(joint, fit) - price
 
 
 def odd_ones(judge: Judge, known: list[Fit]) -> set[int]:

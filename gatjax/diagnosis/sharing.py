@@ -33,6 +33,11 @@ def nats(joints: Sequence[Joint], known: Fits) -> float:
     return _together(joints, {k: fit for k, fit in known.items() if k not in worst})
 
 
+def alone(joint: Joint, fit: Fit) -> float:
+    """Evidence of a joint's fit by itself, less what its causes cost."""
+    return nats([joint], {0: fit})
+
+
 def gained(joints: Sequence[Joint], before: Fits, after: Fits) -> float:
     """Nats by which fits say more than others, but for the joint that gains most.
 

@@ -131,9 +131,11 @@ def _everywhere(judge: Judge) -> list[Cause]:
     None where joints agree on no value, not even nearly: a body that is heavier than
     the model's, say, is something else at each joint.
     """
-    found, known = agreed.valued(judge, everywhere.causes(judge))
-    if not any(agreed.common(judge, each.claims) for each in found):
+    looked = judge.fork()  # on loads along the motion that causes make
+    found, known = agreed.valued(looked, everywhere.causes(looked))
+    if not any(agreed.common(looked, each.claims) for each in found):
         return []
+    judge.case, judge.joints = looked.case, looked.joints
     judge.take([claim for each in found for claim in each.claims], known)
     every, out = tuple(range(len(judge.joints))), []
     told = {each.options[0].hypothesis.cause for each in found}
