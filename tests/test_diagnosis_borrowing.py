@@ -4,11 +4,22 @@ import dataclasses
 
 import numpy as np
 import pytest
-from test_diagnosis_everywhere import DELAY, FRICTION, LEG, judged, late, rubbing
+from test_diagnosis_everywhere import (
+    DELAY,
+    FRICTION,
+    LEG,
+    ODD,
+    OFFSET,
+    crooked,
+    judged,
+    late,
+    rubbing,
+)  # fmt: skip
 
 from gatjax.diagnosis import agreed, borrowing, sharing
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.bank import CAUSES, of_drive
+from gatjax.diagnosis.case import LED_ASTRAY
 from gatjax.diagnosis.claims import LATER
 from gatjax.diagnosis.coordinates import limit_of
 from gatjax.diagnosis.fit import parts_of, put_together
@@ -143,6 +154,24 @@ def test_what_begins_anew_stays_where_loads_explain_no_more(judge, monkeypatch):
     assert sharing.alone(judge.joints[3], found[3]) > (
         sharing.alone(judge.joints[3], known[3]) - 5.0
     )
+
+
+def test_what_is_wrong_at_one_joint_besides_is_not_in_the_loads_of_others(tmp_path):
+    judge = judged(tmp_path, late, rubbing, crooked)
+    known = fitted(judge)
+    every = borrowing._moving(judge, known)
+    assert all(every[k] is known[k] for k in EVERY if k != ODD)
+    *_, (law, own) = parts_of(every[ODD])
+    values = law.values(judge.joints[ODD], own)
+    assert law.cause == "encoder_offset"
+    assert values["offset"] == pytest.approx(OFFSET, abs=0.02)
+    assert every[ODD].rms() < LED_ASTRAY * judge.joints[ODD].noise
+    stuck = at(judge, 3, truth(judge, 3, 0.15))
+    every = borrowing._moving(judge, known | {3: stuck})  # two: no joint is odd
+    assert every[ODD] is known[ODD] and every[3] is stuck
+    few = {k: known[k] for k in (0, 1, ODD)}
+    every = borrowing._moving(judge, few)
+    assert every[ODD] is known[ODD] and every[4] is judge.known[4]
 
 
 def test_loads_along_the_motion_of_the_causes_explain_more(judge):

@@ -12,9 +12,10 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from gatjax.diagnosis import fit as fits
-from gatjax.diagnosis import sharing
+from gatjax.diagnosis import search, sharing
+from gatjax.diagnosis.aliases import covered
 from gatjax.diagnosis.bank import CAUSES, of_drive
-from gatjax.diagnosis.case import PASSES, along, mapped
+from gatjax.diagnosis.case import LED_ASTRAY, PASSES, along, mapped
 from gatjax.diagnosis.claims import LATER
 from gatjax.diagnosis.fit import Fit, parts_of, put_together
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis
@@ -125,8 +126,7 @@ def followed(judge: Judge, known: Mapping[int, Fit]) -> dict[int, Fit]:
     for _ in range(PASSES):
         case, joints = judge.case, judge.joints
         begun, best = best, _refitted(judge, best)
-        every = [begun.get(k, fit) for k, fit in enumerate(judge.known)]
-        judge.case = along(case, joints, every)
+        judge.case = along(case, joints, _moving(judge, begun))
         judge.joints = judge.altered(judge.case)
         tried = _refitted(judge, begun)
         more = sharing.nats(judge.joints, tried) - sharing.nats(joints, best)
@@ -135,6 +135,27 @@ def followed(judge: Judge, known: Mapping[int, Fit]) -> dict[int, Fit]:
             break
         best = tried
     return best
+
+
+def _moving(judge: Judge, known: Mapping[int, Fit]) -> list[Fit]:
+    """Fits of all joints that tell how these move.
+
+    What one joint has besides, an encoder offset say, must not be in the loads of its
+    neighbours: it gets the cause that suits it best beside those of the best joint.
+    """
+    every = [known.get(k, fit) for k, fit in enumerate(judge.known)]
+    left = {k: fit.rms() / judge.joints[k].noise for k, fit in known.items()}
+    astray = [k for k in left if left[k] >= LED_ASTRAY]
+    if len(left) < sharing.MANY or len(astray) != 1:
+        return every
+    (odd,), joint = astray, judge.joints[astray[0]]
+    for parts in _lent(joint, [known[min(left, key=left.__getitem__)]]):
+        (base,) = fits.start(joint, [put_together(np.zeros(COUNT), parts)])
+        never = {c for part, _ in parts for c in covered(part, len(judge.joints))}
+        bank = tuple(h for h in of_drive(joint, CAUSES) if h.cause not in never)
+        best = min(search.proposals(joint, base, bank), key=lambda fit: fit.cost)
+        every[odd] = fits.improve(joint, [best], REFITTING)[0]
+    return every
 
 
 def _refitted(judge: Judge, known: Mapping[int, Fit]) -> dict[int, Fit]:
