@@ -55,6 +55,11 @@ def fitted(judge):
     return {k: fits.improve(j, [f], 8)[0] for k, (j, f) in enumerate(pairs)}
 
 
+@pytest.fixture(scope="module")
+def right(judge):
+    return fitted(judge)
+
+
 def test_each_set_of_causes_gets_a_fit_from_the_best_of_its_lenders(judge):
     wrong, right = truth(judge, 0, 0.15), truth(judge, 0)
     joint, none = judge.joints[0], np.zeros(COUNT)
@@ -73,9 +78,9 @@ def test_tolerances_to_begin_with_are_all_tried(judge):
     assert max(costs[1:]) < costs[0]
 
 
-def test_a_cause_that_one_joint_has_found_is_tried_at_all_others(judge):
+def test_a_cause_that_one_joint_has_found_is_tried_at_all_others(judge, right):
     known = {k: judge.known[k] for k in EVERY}
-    lender = fitted(judge)[0]
+    lender = right[0]
     option = Option(RUB, {0: 500.0}, {0: lender})
     borrowing.spread(judge, known, [option])
     assert option.fits[0] is lender and option.gains[0] == 500.0
@@ -87,8 +92,8 @@ def test_a_cause_that_one_joint_has_found_is_tried_at_all_others(judge):
         assert parts_of(option.fits[k])[-1][0].law == RUB.law  # the cause comes last
 
 
-def test_a_fit_is_lent_only_where_it_is_better(judge):
-    known, right = {k: judge.known[k] for k in EVERY}, fitted(judge)
+def test_a_fit_is_lent_only_where_it_is_better(judge, right):
+    known = {k: judge.known[k] for k in EVERY}
     mine = {k: at(judge, k, truth(judge, k, 0.15)) for k in (0, 1)}
     gains = {0: 1.0, 1: 1e5, 2: 300.0}
     option = Option(RUB, dict(gains), mine | {2: right[2]})
@@ -127,8 +132,8 @@ def test_only_what_a_joint_can_have_is_lent_to_it(judge):
 
 
 @pytest.mark.parametrize("better", [9.0, 11.0])
-def test_loads_are_taken_where_they_explain_more(judge, monkeypatch, better):
-    looked, known, nats = judge.fork(), fitted(judge), [0.0]
+def test_loads_are_taken_where_they_explain_more(judge, right, monkeypatch, better):
+    looked, known, nats = judge.fork(), right, [0.0]
 
     def along(case, *_):
         nats[0] += better if nats[0] == 0.0 else 0.0
@@ -145,8 +150,8 @@ def test_loads_are_taken_where_they_explain_more(judge, monkeypatch, better):
     assert found.keys() == known.keys()
 
 
-def test_what_begins_anew_stays_where_loads_explain_no_more(judge, monkeypatch):
-    looked, known = judge.fork(), fitted(judge)
+def test_what_begins_anew_stays_where_loads_explain_no_more(judge, right, monkeypatch):
+    looked, known = judge.fork(), right
     stuck = at(judge, 3, truth(judge, 3, 0.15))
     monkeypatch.setattr(borrowing, "along", lambda case, *_: case)
     found = borrowing.followed(looked, known | {3: stuck})
@@ -174,8 +179,8 @@ def test_what_is_wrong_at_one_joint_besides_is_not_in_the_loads_of_others(tmp_pa
     assert every[ODD] is known[ODD] and every[4] is judge.known[4]
 
 
-def test_loads_along_the_motion_of_the_causes_explain_more(judge):
-    looked, known = judge.fork(), fitted(judge)
+def test_loads_along_the_motion_of_the_causes_explain_more(judge, right):
+    looked, known = judge.fork(), right
     settled = borrowing._refitted(judge, borrowing.retried(judge, known))
     found = borrowing.followed(looked, known)
     assert looked.case is not judge.case
@@ -183,8 +188,8 @@ def test_loads_along_the_motion_of_the_causes_explain_more(judge):
     assert sharing.nats(looked.joints, found) > before + LATER
 
 
-def test_a_joint_in_a_bad_valley_begins_anew_with_what_others_have(judge):
-    known = fitted(judge)
+def test_a_joint_in_a_bad_valley_begins_anew_with_what_others_have(judge, right):
+    known = right
     stuck = at(judge, 3, truth(judge, 3, 0.15))
     tried = borrowing.retried(judge, known | {3: stuck})
     best = sharing.alone(judge.joints[3], known[3])
@@ -193,8 +198,8 @@ def test_a_joint_in_a_bad_valley_begins_anew_with_what_others_have(judge):
     assert alone[3] is stuck  # nobody has anything to lend
 
 
-def test_joints_agree_from_what_single_ones_have(judge):
-    known = fitted(judge)
+def test_joints_agree_from_what_single_ones_have(judge, right):
+    known = right
     lag = next(h for h in CAUSES if h.cause == "first_order_lag")
     fit = known[0]
     more = put_together(fit.x[:COUNT], [*parts_of(fit)[::-1], (lag, np.log([0.01]))])

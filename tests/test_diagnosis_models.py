@@ -248,7 +248,7 @@ def test_what_gravity_pulls_grows_as_inverse_dynamics_says(flag: str) -> None:
     tree = loads.Tree(model, model.actuator_trnid[:, 0])
     draw = np.random.default_rng(3)
     position = draw.uniform(-2.0, 2.0, (5, 2))
-    moved = Motion(np.arange(5.0), position, 0.0 * position, 0.0 * position)
+    moved = Motion(np.arange(5.0), position, *[0.0 * position] * 2, position)
     rows = np.arange(5)
     bodies, gravity = tree.turning(moved, rows)
     before = tree.slopes(moved, rows)

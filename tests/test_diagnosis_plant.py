@@ -23,8 +23,8 @@ def joint(target, rest=0.0, inertia=0.018):
     flat = jnp.ones_like(series)
     empty = jnp.zeros((COUNT, 1, 1), jnp.float32)
     grid = laws.Grid(
-        target=series, path=0.0 * flat, rest=rest * flat, slope=0.0 * flat,
-        pull=0.0 * flat,
+        target=series, path=0.0 * flat, reading=0.0 * flat, rest=rest * flat,
+        slope=0.0 * flat, pull=0.0 * flat,
         inertia=inertia * flat, rest_terms=empty,
         slope_terms=empty, inertia_terms=empty,
         stiffness=flat, supply=flat, running=flat,
@@ -61,7 +61,9 @@ def test_gravity_is_exact_far_from_the_path_along_which_it_was_weighed():
     one = joint(lambda t: 0.0, rest=float(pull * np.sin(first)), inertia=inertia)
     flat = jnp.ones_like(one.grid.path)
     level = float(pull * np.cos(first)) * flat
-    grid = one.grid._replace(path=first * flat, pull=one.grid.rest, slope=level)
+    grid = one.grid._replace(
+        path=first * flat, reading=first * flat, pull=one.grid.rest, slope=level
+    )
     free = {"hold": 0.0, "kp": 1.0, "kv": 0.0, "damping": 0.1}
     angle = seen(one._replace(grid=grid, nominal=NOMINAL | free))
     q, v, out = first, 0.0, []
@@ -241,7 +243,7 @@ def test_a_drawn_joint_reads_as_measured_whatever_its_encoder_and_its_clock_do()
     one = joint(lambda t: 0.0)
     clock = np.asarray(one.grid.clock)[:, 0]
     path = jnp.asarray([[wave(t)] for t in clock], jnp.float32)
-    one = one._replace(grid=one.grid._replace(path=path)).drawn(1e3)
+    one = one._replace(grid=one.grid._replace(reading=path)).drawn(1e3)
     measured = np.array([wave(t) for t in one.time[0]])
     for odd in ({}, {"zero_out": 0.1, "scale": 1.1}, {"late": 0.04, "drift": 0.02}):
         late = slice(20, None)

@@ -299,20 +299,33 @@ def _resimulated(
 
     Those of joints that a fit leads far astray are the measured ones, smoothed.
     """
-    angles, rests = [], []
+    fine = motions.grid_time(runs, STEP)[:: motions.FINE]
+    angles, read, rests = [], [], []
     for joint, fit in zip(ready, fits, strict=True):
         if fit.rms() >= LED_ASTRAY * joint.noise:
             still = joint.grid.rest[:: motions.FINE]
             angles.append(np.zeros_like(still, np.float32))
+            read.append(angles[-1])
             rests.append(joint.measured)
             continue
-        drive = numbers(joint, fit.hypothesis, fit.x)
+        drive = joint.nominal | numbers(joint, fit.hypothesis, fit.x)
         outcome = joint.outcome([drive], fit.geared)
         angles.append(np.asarray(outcome.angle)[:: motions.FINE, :, 0])
+        read.append(_read(drive, angles[-1], fine))
         rests.append(joint.measured - np.asarray(outcome.readings)[..., 0])
-    fine = motions.grid_time(runs, STEP)[:: motions.FINE]
-    fast, rest = np.stack(angles, -1), np.stack(rests, -1)
+    fast, seen, rest = (np.stack(each, -1) for each in (angles, read, rests))
     return [
-        motions.simulated(run, fine, fast[:, k], rest[k, : len(run.time)])
+        motions.simulated(run, fine, fast[:, k], seen[:, k], rest[k, : len(run.time)])
         for k, run in enumerate(runs)
     ]
+
+
+def _read(drive: dict[str, float], angle: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """What an encoder reads of a joint that moves so [M, R], at times [M] s.
+
+    It is taken for one on the link.
+    """
+    at = time * (1.0 - drive.get("drift", 0.0)) - drive.get("late", 0.0)
+    late = np.stack([np.interp(at, time, column) for column in angle.T], -1)
+    zero = drive.get("zero_in", 0.0) + drive.get("zero_out", 0.0)
+    return (late + zero) * drive["scale"]

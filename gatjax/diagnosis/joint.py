@@ -272,8 +272,9 @@ def build(
         grid = grids(index, drive["armature"])
         if not drive["hold"]:
             speed = jnp.asarray(moving[None, :, index], jnp.float32)
-            path = grid.path + jnp.minimum(grid.clock, 0.0) * speed
-            grid = grid._replace(path=path)
+            before = jnp.minimum(grid.clock, 0.0) * speed
+            path, reading = grid.path + before, grid.reading + before
+            grid = grid._replace(path=path, reading=reading)
         seen = np.stack([_padded(run.angle[:, index], rows) for run in runs])
         valid = np.zeros(seen.shape, bool)
         for row, run, fast in zip(valid, runs, moving, strict=True):
@@ -346,6 +347,7 @@ def _grids(
             target=own(targets, index),
             stiffness=own(shares, index),
             path=series([m.position[:, index] for m in moved]),
+            reading=series([m.reading[:, index] for m in moved]),
             rest=series([l.nominal.rest[:, index] for l in loads]),
             pull=series([l.pull[:, index] for l in loads]),
             slope=series([l.nominal.slope[:, index] for l in loads]),

@@ -69,7 +69,8 @@ class Grid(NamedTuple):
     """
 
     target: Array
-    path: Array
+    path: Array  # of the link, along which its load was weighed
+    reading: Array  # what its encoder read there
     rest: Array
     pull: Array  # of gravity, a part of rest
     slope: Array

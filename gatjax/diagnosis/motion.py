@@ -15,12 +15,13 @@ WHOLE = 2000  # steps: grids are multiples of it, so that logs share compiled pr
 
 
 class Motion(NamedTuple):
-    """Motion of one run on an even grid: [M] s, then [M, J] rad, rad/s, rad/s^2."""
+    """Motion of one run on an even grid [M] s; the others are [M, J], in rad and s."""
 
     time: np.ndarray
     position: np.ndarray
     velocity: np.ndarray
     acceleration: np.ndarray
+    reading: np.ndarray  # what encoders read: with what is known of their errors
 
 
 def smoothed(run: JointRun, angle: np.ndarray, time: np.ndarray) -> Motion:
@@ -43,12 +44,14 @@ def smoothed(run: JointRun, angle: np.ndarray, time: np.ndarray) -> Motion:
     for scale, weights in zip((1.0, 1.0, 2.0), parabola, strict=True):
         smooth = [scale * np.correlate(q, weights, mode="valid") for q in padded.T]
         series.append(np.stack([np.interp(time, even, s) for s in smooth], -1))
-    return Motion(time, *series)
+    position, velocity, acceleration = series
+    return Motion(time, position, velocity, acceleration, position)
 
 
 def simulated(
-    run: JointRun, time: np.ndarray, angle: np.ndarray, rest: np.ndarray
-) -> Motion:
+    run: JointRun, time: np.ndarray, angle: np.ndarray, seen: np.ndarray,
+    rest: np.ndarray,
+) -> Motion:  # fmt: skip
     """A simulated motion [M, J], carried to the measured one by a smooth difference.
 
     The simulation has the fast parts that smoothing would lose, the measurement the
@@ -58,6 +61,7 @@ def simulated(
         run: gives the stamps.
         time: [M] s.
         angle: simulated [M, J] rad.
+        seen: what encoders read of it [M, J] rad.
         rest: measured minus simulated readings [N, J] rad at the stamps.
     """
     added = smoothed(run, rest, time)
@@ -67,7 +71,7 @@ def simulated(
     acceleration[1:-1] = np.diff(angle, 2, axis=0) / step**2
     return Motion(
         time, angle + added.position, velocity + added.velocity,
-        acceleration + added.acceleration,
+        acceleration + added.acceleration, seen + added.position,
     )  # fmt: skip
 
 

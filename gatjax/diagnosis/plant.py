@@ -177,15 +177,15 @@ def _delayed(target: Array, delay: Array, h: float) -> Any:
 
 def _measured(p: Drive, grid: Grid, h: float) -> Any:
     """Function of a step number: the angle [R, S] that would read as measured."""
-    run = jnp.arange(grid.path.shape[1])[:, None]
-    last = grid.path.shape[0] - 2.0
+    read = grid.reading
+    run, last = jnp.arange(read.shape[1])[:, None], read.shape[0] - 2.0
 
     def at(k: Array) -> Array:
         later = (p.late + p.drift * grid.clock[k][:, None]) / (1.0 - p.drift)
         place = jnp.clip(k + later / h, 0.0, last)
         whole = jnp.floor(place)
         part, first = place - whole, whole.astype(jnp.int32)
-        seen = grid.path[first, run] * (1.0 - part) + grid.path[first + 1, run] * part
+        seen = read[first, run] * (1.0 - part) + read[first + 1, run] * part
         return seen / p.scale - p.zero_in - p.zero_out
 
     return at

@@ -101,7 +101,7 @@ def trace(
         np.stack([np.interp(time, time[few], s) for s in series[few].T], -1)
         for series in (slope, inertia)
     )
-    motion = Motion(time, position, velocity, acceleration)
+    motion = Motion(time, position, velocity, acceleration, position)
     rest = carried - inertia * acceleration
     return Trace(motion, Load(rest, slope, inertia), moments)
 
