@@ -69,11 +69,6 @@ def judged(folder, *effects):
     return Judge(prepare(base, data.logs, tell), tell)
 
 
-@pytest.fixture(scope="module")
-def verdict(tmp_path_factory):
-    return conclude(judged(tmp_path_factory.mktemp("leg"), late, rubbing, crooked))
-
-
 def places(verdict):
     where = {}
     for cause in verdict.causes:
@@ -81,7 +76,7 @@ def places(verdict):
     return where
 
 
-def test_what_is_wrong_at_one_joint_is_named_there(verdict):
+def what_is_wrong_at_one_joint_is_named_there(verdict):
     assert places(verdict)["encoder_offset"] == [ODD]
     (cause,) = (
         c for c in verdict.causes if c.claim.hypothesis.cause == "encoder_offset"
@@ -90,7 +85,7 @@ def test_what_is_wrong_at_one_joint_is_named_there(verdict):
     assert values["offset"] == pytest.approx(OFFSET, abs=0.02)  # beside its tolerance
 
 
-def test_both_causes_are_named_at_all_joints(verdict):
+def both_causes_are_named_at_all_joints(verdict):
     where = places(verdict)
     del where["encoder_offset"]
     every = list(range(len(LEG.joints)))
@@ -100,7 +95,7 @@ def test_both_causes_are_named_at_all_joints(verdict):
     assert all(cause.probability > 0.9 for cause in verdict.causes)
 
 
-def test_a_value_that_suits_all_joints_is_one_value(verdict):
+def a_value_that_suits_all_joints_is_one_value(verdict):
     (cause,) = (
         c for c in verdict.causes if c.claim.hypothesis.cause.endswith("_delay")
     )
@@ -111,7 +106,7 @@ def test_a_value_that_suits_all_joints_is_one_value(verdict):
     assert cause.claim.gain > 100.0
 
 
-def test_values_that_differ_are_told_for_each_joint(verdict):
+def values_that_differ_are_told_for_each_joint(verdict):
     found = {}
     for cause in verdict.causes:
         claim = cause.claim
@@ -123,12 +118,22 @@ def test_values_that_differ_are_told_for_each_joint(verdict):
     assert np.abs(shares - 1.0).max() < 0.35  # beside the tolerance of its own friction
 
 
-def test_the_joints_are_explained_to_near_the_noise(verdict):
+def the_joints_are_explained_to_near_the_noise(verdict):
     judge = verdict.judge
     for joint, fit, before in zip(
         judge.joints, judge.known, judge.case.healthy, strict=True
     ):
         assert fit.rms() < 3.0 * joint.noise < 0.3 * before.rms()
+
+
+def test_a_leg_that_is_late_rubs_and_has_a_crooked_encoder_is_told_all_of_it(tmp_path):
+    """One test: its diagnosis takes minutes, which each worker would spend again."""
+    verdict = conclude(judged(tmp_path, late, rubbing, crooked))
+    what_is_wrong_at_one_joint_is_named_there(verdict)
+    both_causes_are_named_at_all_joints(verdict)
+    a_value_that_suits_all_joints_is_one_value(verdict)
+    values_that_differ_are_told_for_each_joint(verdict)
+    the_joints_are_explained_to_near_the_noise(verdict)
 
 
 @pytest.mark.parametrize(
