@@ -181,7 +181,7 @@ def test_what_is_wrong_at_one_joint_besides_is_not_in_the_loads_of_others(tmp_pa
 
 def test_loads_along_the_motion_of_the_causes_explain_more(judge, right):
     looked, known = judge.fork(), right
-    settled = borrowing._refitted(judge, borrowing.retried(judge, known))
+    settled = borrowing.refitted(judge, borrowing.retried(judge, known))
     found = borrowing.followed(looked, known)
     assert looked.case is not judge.case
     before = sharing.nats(judge.joints, settled)

@@ -72,11 +72,12 @@ def test_what_an_encoder_reads_is_what_the_plant_says(judge, cause, variant, own
     drive = joint.nominal | numbers(joint, *point)
     outcome = joint.outcome([drive], False)
     fine = motion.grid_time([run], joints.STEP)[:: motion.FINE]
-    angle = np.asarray(outcome.angle)[:: motion.FINE, :, 0]
+    angle = np.asarray(outcome.angle)
+    read = joint.read(drive, angle, fine)
     stamps = run.time - run.time[0]
     seen = np.asarray(outcome.readings)[0, : len(stamps), 0]
     link, read = (
         np.interp(stamps, fine, each[:, 0])
-        for each in (angle, cases._read(drive, angle, fine))
+        for each in (angle[:: motion.FINE, :, 0], read)
     )
     assert np.abs(read - seen).max() < 0.003 < 0.2 * np.abs(link - seen).max()

@@ -199,7 +199,7 @@ class Story:
 
         self.words = words
         for name, function in {
-            "_without": without, "_scored": scored,
+            "refitted": without, "_scored": scored,
             "_ranked": lambda judge, known, beside: ranked.get(words(known), []),
         }.items():  # fmt: skip
             monkeypatch.setattr(everywhere, name, function)

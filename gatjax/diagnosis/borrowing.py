@@ -125,10 +125,10 @@ def followed(judge: Judge, known: Mapping[int, Fit]) -> dict[int, Fit]:
     best = retried(judge, known)
     for _ in range(PASSES):
         case, joints = judge.case, judge.joints
-        begun, best = best, _refitted(judge, best)
+        begun, best = best, refitted(judge, best)
         judge.case = along(case, joints, _moving(judge, begun))
         judge.joints = judge.altered(judge.case)
-        tried = _refitted(judge, begun)
+        tried = refitted(judge, begun)
         more = sharing.nats(judge.joints, tried) - sharing.nats(joints, best)
         if more < LATER:
             judge.case, judge.joints = case, joints
@@ -148,7 +148,8 @@ def _moving(judge: Judge, known: Mapping[int, Fit]) -> list[Fit]:
     astray = [k for k in left if left[k] >= LED_ASTRAY]
     if len(left) < sharing.MANY or len(astray) != 1:
         return every
-    (odd,), joint = astray, judge.joints[astray[0]]
+    (odd,) = astray
+    joint = judge.joints[odd]
     for parts in _lent(joint, [known[min(left, key=left.__getitem__)]]):
         (base,) = fits.start(joint, [put_together(np.zeros(COUNT), parts)])
         never = {c for part, _ in parts for c in covered(part, len(judge.joints))}
@@ -158,11 +159,14 @@ def _moving(judge: Judge, known: Mapping[int, Fit]) -> list[Fit]:
     return every
 
 
-def _refitted(judge: Judge, known: Mapping[int, Fit]) -> dict[int, Fit]:
-    """Fits after some more iterations, on the loads that joints have now."""
+def refitted(
+    judge: Judge, known: Mapping[int, Fit], without: str = ""
+) -> dict[int, Fit]:
+    """Fits after more iterations, on the loads that joints have now; less a cause."""
 
     def one(index: int) -> Fit:
-        joint, fit = judge.joints[index], known[index]
-        return fits.refitted(joint, fit, parts_of(fit), REFITTING)
+        fit = known[index]
+        parts = [(h, own) for h, own in parts_of(fit) if h.cause != without]
+        return fits.refitted(judge.joints[index], fit, parts, REFITTING)
 
     return dict(zip(known, mapped(one, known), strict=True))

@@ -308,24 +308,14 @@ def _resimulated(
             read.append(angles[-1])
             rests.append(joint.measured)
             continue
-        drive = joint.nominal | numbers(joint, fit.hypothesis, fit.x)
+        drive = numbers(joint, fit.hypothesis, fit.x)
         outcome = joint.outcome([drive], fit.geared)
-        angles.append(np.asarray(outcome.angle)[:: motions.FINE, :, 0])
-        read.append(_read(drive, angles[-1], fine))
+        angle = np.asarray(outcome.angle)
+        angles.append(angle[:: motions.FINE, :, 0])
+        read.append(joint.read(drive, angle, fine))
         rests.append(joint.measured - np.asarray(outcome.readings)[..., 0])
     fast, seen, rest = (np.stack(each, -1) for each in (angles, read, rests))
     return [
         motions.simulated(run, fine, fast[:, k], seen[:, k], rest[k, : len(run.time)])
         for k, run in enumerate(runs)
     ]
-
-
-def _read(drive: dict[str, float], angle: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """What an encoder reads of a joint that moves so [M, R], at times [M] s.
-
-    It is taken for one on the link.
-    """
-    at = time * (1.0 - drive.get("drift", 0.0)) - drive.get("late", 0.0)
-    late = np.stack([np.interp(at, time, column) for column in angle.T], -1)
-    zero = drive.get("zero_in", 0.0) + drive.get("zero_out", 0.0)
-    return (late + zero) * drive["scale"]

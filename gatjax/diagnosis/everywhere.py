@@ -14,11 +14,11 @@ from typing import NamedTuple
 from gatjax.diagnosis import search, sharing
 from gatjax.diagnosis.aliases import covered
 from gatjax.diagnosis.bank import CAUSES, of_drive
-from gatjax.diagnosis.borrowing import REFITTING, followed, retried, spread
+from gatjax.diagnosis.borrowing import followed, refitted, retried, spread
 from gatjax.diagnosis.case import mapped
 from gatjax.diagnosis.claims import LATER, SHARED
 from gatjax.diagnosis.findings import ROUGH
-from gatjax.diagnosis.fit import Fit, parts_of, refitted, with_last
+from gatjax.diagnosis.fit import Fit, parts_of, with_last
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.option import SHARE, Option
 
@@ -189,7 +189,7 @@ def _improved(judge: Judge, found: list[list[Option]], known: Fits) -> Partial:
         moved, looked = False, found[:-1] if turn == 0 else found
         for place, (mine, *_) in enumerate(looked):
             rest = found[:place] + found[place + 1 :]
-            base = retried(judge, _without(judge, known, mine.hypothesis.cause))
+            base = retried(judge, refitted(judge, known, mine.hypothesis.cause))
             options = _ranked(judge, base, [each[0] for each in rest])
             mine = _scored(judge, mine, known, base)
             tried = base | options[0].fits if options else base
@@ -230,17 +230,6 @@ def _current(option: Option, known: Fits) -> Option:
 
 def _has(fit: Fit, cause: str) -> bool:
     return any(part.cause == cause for part, _ in parts_of(fit))
-
-
-def _without(judge: Judge, known: Fits, cause: str) -> Fits:
-    """The same without a cause, the rest fitted anew."""
-
-    def one(index: int) -> Fit:
-        fit, joint = known[index], judge.joints[index]
-        parts = [(h, own) for h, own in parts_of(fit) if h.cause != cause]
-        return refitted(joint, fit, parts, REFITTING)
-
-    return dict(zip(known, mapped(one, known), strict=True))
 
 
 def odd_ones(judge: Judge, known: list[Fit]) -> set[int]:

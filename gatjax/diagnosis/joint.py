@@ -142,6 +142,20 @@ class Joint(NamedTuple):
             self.packed(drives), self.grid, time, self.lead, STEP, apart, drawn
         )
 
+    def read(
+        self, drive: dict[str, float], angle: np.ndarray, time: np.ndarray
+    ) -> np.ndarray:
+        """What an encoder on the link reads at times [M] s of its angle [K, R, 1] rad.
+
+        Row k of the angle is where a step of the simulation begins, as in a motion.
+
+        Returns:
+            [M, R] rad.
+        """
+        p = laws.Drive(*(n[None] for n in self.packed([drive])[:-1]), terms=np.zeros(0))
+        stamps = jnp.asarray(np.tile(time, (angle.shape[1], 1)), jnp.float32)
+        return np.asarray(plant.read(p, angle, stamps, self.lead + 1, STEP))[..., 0].T
+
     def packed(self, drives: list[dict[str, float]]) -> laws.Drive:
         """Numbers of many drives as arrays [S]; what is not named is nominal."""
         names = [name for name in laws.Drive._fields if name != "terms"]

@@ -223,7 +223,7 @@ def _simulate(p: Drive, grid: Grid, h: float, geared: bool, drawn: bool) -> tupl
     return state, seen, link if geared else seen
 
 
-def _read(p: Drive, seen: Array, time: Array, lead: int, h: float) -> Array:
+def read(p: Drive, seen: Array, time: Array, lead: int, h: float) -> Array:
     """Readings at the stamps [R, N] -> [R, N, S], with the encoder's errors."""
     at = time[..., None] * (1.0 - p.drift[None]) - p.late[None]
     place = jnp.clip(at / h + (lead - 1.0), 0.0, seen.shape[0] - 2.0)
@@ -249,7 +249,7 @@ def _run(
 ) -> Outcome:
     p = Drive(*(number[None] for number in p[:-1]), terms=p.terms)
     state, seen, link = _simulate(p, grid, h, geared, drawn)
-    return Outcome(_read(p, seen, time, lead, h), link, state.servo.heat)
+    return Outcome(read(p, seen, time, lead, h), link, state.servo.heat)
 
 
 simulate = jax.jit(_run, static_argnames=("lead", "h", "geared", "drawn"))
