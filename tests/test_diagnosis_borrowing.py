@@ -102,10 +102,7 @@ def test_a_fit_is_lent_only_where_it_is_better(judge, right):
     assert option.gains[1] == gains[1] and option.fits[1] is mine[1]
 
 
-def test_causes_of_most_promise_are_tried_and_one_joint_alone_promises_none(
-    monkeypatch,
-):
-    monkeypatch.setattr(borrowing, "SPREAD", 1)
+def test_what_one_odd_joint_wants_promises_less_than_what_all_want():
     odd = Option(LATE, {0: 9000.0, 1: 10.0}, {})
     common = Option(RUB, dict.fromkeys(EVERY, 100.0), {})
     assert borrowing._promise(odd, 6) < borrowing._promise(common, 6)
