@@ -39,7 +39,7 @@ from gatjax.diagnosis.start import Start
 from gatjax.report.diagnosis import write_report
 from gatjax.robot import model as robots
 from gatjax.sim.backend import use_compile_cache
-from gatjax.sim.world import read_world
+from gatjax.sim.stored import read_world
 from gatjax.surrogate.hidden import write_cases
 from gatjax.task import Task
 

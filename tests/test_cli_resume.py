@@ -19,7 +19,8 @@ from gatjax.grounding.envelope import Envelope
 from gatjax.grounding.learn import Grounding, write_grounding
 from gatjax.records import JOINTS
 from gatjax.settings import DEMO, EVALUATION, ROBOT_LOG, seeds
-from gatjax.sim.world import add_cause, nominal, write_world
+from gatjax.sim.stored import write_world
+from gatjax.sim.world import add_cause, nominal
 from gatjax.walk.parameters import THETA0
 
 

@@ -8,7 +8,8 @@ import pytest
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import fallback, measure
 from gatjax.grounding.learn import grounded, read_grounding
-from gatjax.sim.world import add_cause, nominal, read_world
+from gatjax.sim.stored import read_world
+from gatjax.sim.world import add_cause, nominal
 from gatjax.surrogate import hidden
 from gatjax.task import task_at
 

@@ -29,7 +29,8 @@ from gatjax.diagnosis.loads import Tree
 from gatjax.diagnosis.motion import FINE, grid_time
 from gatjax.diagnosis.start import Start
 from gatjax.sim.limbs import put_down
-from gatjax.sim.world import add_cause, read_world
+from gatjax.sim.stored import read_world
+from gatjax.sim.world import add_cause
 from gatjax.task import Task
 
 PERIOD = 0.02

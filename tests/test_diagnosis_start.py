@@ -23,7 +23,8 @@ from gatjax.diagnosis.tolerances import USUAL, read_tolerances
 from gatjax.effects.catalogue import CATALOGUE
 from gatjax.robot.model import joint_names, load
 from gatjax.sim.replay import replay_many
-from gatjax.sim.world import add_cause, nominal, stacked, write_world
+from gatjax.sim.stored import write_world
+from gatjax.sim.world import add_cause, nominal, stacked
 from gatjax.task import Task
 
 ARM = f"{gatjax.surrogate.hidden.__path__[0]}/arm_servo.xml"

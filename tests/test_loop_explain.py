@@ -18,7 +18,8 @@ from gatjax.loop.ground import helpful
 from gatjax.loop.setting import Setting
 from gatjax.robot.model import HUNG
 from gatjax.settings import LoopSettings, SearchSettings
-from gatjax.sim.world import add_cause, nominal, read_world, write_world
+from gatjax.sim.stored import read_world, write_world
+from gatjax.sim.world import add_cause, nominal
 from gatjax.task import Task
 
 DELAY = 0.03  # s, what the robot has and the simulator lacks

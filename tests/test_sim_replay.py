@@ -11,15 +11,8 @@ from gatjax.robot.model import slots
 from gatjax.sim import replay
 from gatjax.sim.backend import prepare
 from gatjax.sim.replay import replay_many
-from gatjax.sim.world import (
-    add_cause,
-    fields_applied,
-    nominal,
-    read_world,
-    stacked,
-    stiffened,
-    write_world,
-)
+from gatjax.sim.stored import read_world, write_world
+from gatjax.sim.world import add_cause, fields_applied, nominal, stacked, stiffened
 from gatjax.task import Task
 
 MODEL = """

@@ -22,15 +22,8 @@ from gatjax.sim.mjx import dropped_by_mjx
 from gatjax.sim.native import Native
 from gatjax.sim.poses import write_walk
 from gatjax.sim.replay import replay_many
-from gatjax.sim.world import (
-    add_cause,
-    add_command,
-    fields_applied,
-    nominal,
-    read_world,
-    stacked,
-    write_world,
-)
+from gatjax.sim.stored import read_world, write_world
+from gatjax.sim.world import add_cause, add_command, fields_applied, nominal, stacked
 from gatjax.task import Task, task_at
 from gatjax.walk.parameters import THETA0
 

@@ -27,7 +27,7 @@ from gatjax.data.recording import read_recording, write_recording
 from gatjax.diagnosis.aliases import ALIASES, ONE_JOINT, UPSIDE_DOWN
 from gatjax.diagnosis.start import Start, read_start
 from gatjax.runs import read_json, write_json
-from gatjax.sim.world import write_world
+from gatjax.sim.stored import write_world
 
 HERE = Path(__file__).parent
 LEFT = float(np.deg2rad(0.25))  # rad, that what is known of the pendulum leaves

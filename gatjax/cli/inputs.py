@@ -12,7 +12,8 @@ from gatjax.grounding import learn as grounders
 from gatjax.hardware.links import FORMS, is_hardware
 from gatjax.hardware.robot import Hardware
 from gatjax.hardware.terminal import Terminal
-from gatjax.sim.world import World, nominal, read_world
+from gatjax.sim.stored import read_world
+from gatjax.sim.world import World, nominal
 from gatjax.surrogate import ROBOTS, make_robot
 from gatjax.task import Task
 from gatjax.walk.parameters import THETA0

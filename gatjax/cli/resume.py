@@ -14,7 +14,7 @@ from gatjax import checkpoints, loop, runs
 from gatjax.cli.arguments import Run, Search
 from gatjax.robot.model import SHIPPED
 from gatjax.settings import LoopSettings, SearchSettings
-from gatjax.sim.world import world_file
+from gatjax.sim.stored import world_file
 from gatjax.walk.parameters import PARAMETERS
 
 SEARCH = "gatjax.search/1"

@@ -27,7 +27,7 @@ from gatjax.ranking import Evaluate
 from gatjax.robot.model import SHIPPED, check_walker
 from gatjax.settings import LoopSettings
 from gatjax.sim.backend import costs, prepare
-from gatjax.sim.world import world_file
+from gatjax.sim.stored import world_file
 from gatjax.task import task_at
 
 Array = Any

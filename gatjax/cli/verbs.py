@@ -35,7 +35,8 @@ from gatjax.search import checked
 from gatjax.settings import EVALUATION, LoopSettings, SearchSettings, seeds
 from gatjax.sim.backend import use_compile_cache
 from gatjax.sim.poses import states, write_walk
-from gatjax.sim.world import World, nominal, read_world
+from gatjax.sim.stored import read_world
+from gatjax.sim.world import World, nominal
 from gatjax.task import Task, task_at
 from gatjax.walk.parameters import THETA0
 

@@ -35,8 +35,8 @@ from gatjax.diagnosis.unseen import Seen, borne_out
 from gatjax.diagnosis.verdict import Verdict, conclude, doubted
 from gatjax.robot import model as robot_model
 from gatjax.runs import write_json
-from gatjax.sim import world as worlds
 from gatjax.sim.compiled import on_cpu
+from gatjax.sim.stored import write_world
 from gatjax.sim.world import World
 
 
@@ -107,7 +107,7 @@ def diagnose(
         out / "signals.parquet", data.joints, data.logs, data.unseen, pairs, verdict
     )
     made_by = {"verb": "diagnose", "seed": seed}
-    worlds.write_world(out / "world.json", made["extended"], made_by, None)
+    write_world(out / "world.json", made["extended"], made_by, None)
     if left is not None:
         write_json(out / "tolerances.json", left)
     mjcf.write_model(out / "extended.xml", made["extended"])

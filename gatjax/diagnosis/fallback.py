@@ -20,7 +20,8 @@ from gatjax.diagnosis import measure
 from gatjax.grounding.gat import Gat, learn_forward, learn_inverse
 from gatjax.grounding.learn import Grounding, grounded, with_alpha, write_grounding
 from gatjax.robot.model import joint_names
-from gatjax.sim.world import World, write_world
+from gatjax.sim.stored import write_world
+from gatjax.sim.world import World
 
 LEARNED = 0.7  # of each log; the rest chooses alpha
 DITHER, COPIES = 0.03, 4  # rad, of each command; times that the logs are played with it

@@ -20,8 +20,8 @@ from gatjax.effects.joint import WARM
 from gatjax.robot import model as robot_model
 from gatjax.runs import read_json
 from gatjax.sim import causes, derived
-from gatjax.sim import world as worlds
-from gatjax.sim.world import World
+from gatjax.sim.stored import read_world, world_file
+from gatjax.sim.world import World, add_cause, nominal
 from gatjax.task import Task
 
 ADDING = frozenset({
@@ -99,9 +99,9 @@ class Start(NamedTuple):
             period: of control, s.
             timestep: of the physics, s; the model file's if left out.
         """
-        world = worlds.nominal(Task(control_period=period), self.source, timestep)
+        world = nominal(Task(control_period=period), self.source, timestep)
         for row in self.rows:
-            world = worlds.add_cause(
+            world = add_cause(
                 world, row["cause"], row["where"], row["values"],
                 row.get("role", "cause"),
             )  # fmt: skip
@@ -163,14 +163,14 @@ def read_start(path: Path) -> Start:
         FileNotFoundError: it or its model does not exist.
         ValueError: it is no world file, or has what a diagnosis cannot start from.
     """
-    file = worlds.world_file(path)
+    file = world_file(path)
     if file.suffix == ".xml":
         raise ValueError(f"{file} is no world file; an MJCF model is given as --model")
     if file.is_file() and read_json(file).get("grounding"):
         raise ValueError(
             f"{file} has a grounding, which hides causes; diagnose from a world without"
         )
-    world, _ = worlds.read_world(path)
+    world, _ = read_world(path)
     return started(world, file)
 
 

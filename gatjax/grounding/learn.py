@@ -27,7 +27,8 @@ from gatjax.grounding.sgat import SGAT
 from gatjax.robot.model import joint_names
 from gatjax.robot.nao import WALKING_JOINTS
 from gatjax.runs import read_json, write_whole
-from gatjax.sim.world import World, add_command, add_sensor, check_rate
+from gatjax.sim.stored import check_rate
+from gatjax.sim.world import World, add_command, add_sensor
 
 Array = Any
 

@@ -25,7 +25,8 @@ from gatjax.robot.model import HUNG
 from gatjax.robot.nao import LIMITS
 from gatjax.runs import Progress, write_whole
 from gatjax.sim.backend import prepare
-from gatjax.sim.world import World, add_cause, read_world, write_world
+from gatjax.sim.stored import read_world, write_world
+from gatjax.sim.world import World, add_cause
 from gatjax.walk.parameters import THETA0
 
 EXPLAINED = "explained"

@@ -28,7 +28,8 @@ from gatjax.robot.nao import WALKING, WALKING_JOINTS
 from gatjax.sim.actuation import actuation
 from gatjax.sim.backend import Backend, default_backend, pairs, prepare
 from gatjax.sim.lighter import lighter
-from gatjax.sim.world import Values, World, write_world
+from gatjax.sim.stored import write_world
+from gatjax.sim.world import Values, World
 from gatjax.walk.parameters import THETA0
 
 HELD_OUT = 0.2  # share of the robot's trajectories that only test predictions

@@ -1,0 +1,134 @@
+"""A world as a file: world.json (docs/files.md)."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gatjax.robot import model as robot_model
+from gatjax.runs import write_json
+from gatjax.sim.world import World, add_cause, nominal
+from gatjax.task import Task
+
+SCHEMA = "gatjax.world/1"
+
+
+def write_world(path: Path, world: World, made_by: dict, grounding: str | None) -> None:
+    """Write world.json, whole or not at all."""
+    source = world.source
+    if source not in robot_model.SHIPPED:  # beside the world file: both can move
+        source = os.path.relpath(source, path.parent)
+    text = {
+        "schema": SCHEMA,
+        "model": source,
+        "rate_hz": world.rate_hz,
+        "timestep_s": world.model.opt.timestep,
+        "effects": list(world.causes),
+        "grounding": grounding,
+        "made_by": made_by,
+    }
+    write_json(path, text)
+
+
+def read_world(path: Path, task: Task = Task()) -> tuple[World, Path | None]:
+    """Load world.json (a folder means the one in it) and name its grounding folder.
+
+    Raises:
+        FileNotFoundError: the file or its model does not exist.
+        ValueError: one line that says what is wrong in the file.
+    """
+    path = world_file(path)
+    text = _world_text(path)
+    source = text["model"]
+    source = source if source in robot_model.SHIPPED else path.parent / source
+    world = nominal(task, source, text.get("timestep_s"))
+    for number, row in enumerate(text["effects"], start=1):
+        where = f"{path}: effect {number}"
+        _check_row(row, where)
+        try:
+            world = add_cause(
+                world, row["cause"], row["where"], row["values"],
+                row.get("role", "cause"),
+            )  # fmt: skip
+        except ValueError as error:
+            raise ValueError(f"{where}, {error}") from error
+    grounding = text.get("grounding")
+    if not grounding:
+        return world, None
+    check_rate(world, text.get("rate_hz"), str(path))
+    return world, path.parent / grounding
+
+
+def world_file(path: str | Path) -> Path:
+    """Return the world file that a path means; a folder means its world.json."""
+    return Path(path) / "world.json" if Path(path).is_dir() else Path(path)
+
+
+def check_rate(world: World, rate_hz: float | None, name: str) -> None:
+    """Refuse what was learned at another control rate than the world's.
+
+    Args:
+        world: where it is to be used.
+        rate_hz: that it was learned at; None where it does not say.
+        name: of what was learned, for the message.
+    """
+    if rate_hz is not None and abs(rate_hz / world.rate_hz - 1.0) > 0.01:
+        raise ValueError(
+            f"{name}: learned at {rate_hz:g} Hz, used at {world.rate_hz:g} Hz; choose "
+            f"--rate-hz {rate_hz:g}, or ground at {world.rate_hz:g} Hz"
+        )
+
+
+def _world_text(path: Path) -> dict[str, Any]:
+    """Read a world file and check all but its effects."""
+    try:
+        text = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise FileNotFoundError(f"world file {path} does not exist") from error
+    except ValueError as error:
+        raise ValueError(f"{path} is not JSON: {error}") from error
+    if not isinstance(text, dict):
+        raise ValueError(f"{path}: expected {{key: value}}; see docs/files.md")
+    if text.get("schema") != SCHEMA:
+        raise ValueError(f"{path}: schema is {text.get('schema')!r}, need {SCHEMA!r}")
+    wanted: dict[str, Any] = {"model": str, "effects": list}
+    missing = [key for key in wanted if key not in text]
+    if missing:
+        raise ValueError(f"{path}: {missing[0]!r} is missing; see docs/files.md")
+    number = int | float | None
+    wanted |= {"grounding": str | None, "rate_hz": number, "timestep_s": number}
+    for key, kind in wanted.items():
+        if not isinstance(text.get(key), kind) or text.get(key) is True:
+            raise ValueError(f"{path}: {key} is {text[key]!r}; see docs/files.md")
+    for key in ("rate_hz", "timestep_s"):
+        if text.get(key) is not None and not 0.0 < text[key] < np.inf:
+            raise ValueError(f"{path}: {key} is {text[key]}; it is a number > 0")
+    return text
+
+
+def _check_row(row: Any, name: str) -> None:
+    """Check the form of one row of `effects`; raise ValueError."""
+    if not isinstance(row, dict) or not isinstance(row.get("cause"), str):
+        raise ValueError(f"{name} must be {{cause, where, values}}, it is {row!r}")
+    where, values = row.get("where"), row.get("values")
+    if (
+        not isinstance(where, list)
+        or not where
+        or not all(isinstance(joint, str) for joint in where)
+    ):
+        raise ValueError(
+            f"{name}, {row['cause']}: where is {where!r}; it must be a list of joint "
+            f'names or ["all"]'
+        )
+    if not isinstance(values, dict):
+        raise ValueError(
+            f"{name}, {row['cause']}: values is {values!r}; it must be "
+            "{parameter: number}"
+        )
+    extra = sorted(set(row) - {"cause", "where", "values", "role"})
+    if extra:
+        raise ValueError(f"{name}, {row['cause']}: {extra[0]!r} means nothing here")
