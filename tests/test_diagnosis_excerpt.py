@@ -7,9 +7,10 @@ import gatjax.surrogate.hidden
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import loads, motion
+from gatjax.diagnosis.assembly import build
 from gatjax.diagnosis.bank import CAUSES, of_drive
 from gatjax.diagnosis.excerpt import PIECE, excerpt, shortened
-from gatjax.diagnosis.joint import STEP, build
+from gatjax.diagnosis.joint import STEP
 from gatjax.diagnosis.measure import whole_log
 from gatjax.diagnosis.start import Start
 from gatjax.diagnosis.tolerances import USUAL

@@ -10,7 +10,7 @@ import pytest
 
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import JointRun
-from gatjax.diagnosis import joint as joints
+from gatjax.diagnosis import assembly
 from gatjax.diagnosis.diagnose import diagnose
 from gatjax.diagnosis.floor import (
     claims,
@@ -181,7 +181,7 @@ def test_single_joints_move_as_in_the_full_simulation(model: mujoco.MjModel) -> 
     run, channels = logged(model)
     robot = standing.prepare(model, [run], [channels], PERIOD, silent)
     moved, loads = robot.weigh([], [])
-    ready = joints.build(model, robot.tree, NAMES, [run], moved, loads)
+    ready = assembly.build(model, robot.tree, NAMES, [run], moved, loads)
     time = grid_time([run], STEP)[::FINE]
     trace = weights.trace(robot.tree, run, time)
     for joint in ready:

@@ -17,9 +17,9 @@ from gatjax.data import sampling
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import loads
+from gatjax.diagnosis.assembly import build
 from gatjax.diagnosis.case import held, unfitted
 from gatjax.diagnosis.given import control_period
-from gatjax.diagnosis.joint import build
 from gatjax.diagnosis.motion import Motion
 from gatjax.diagnosis.suitable import check_replay
 from gatjax.sim.episode import coupled, coupled_speed

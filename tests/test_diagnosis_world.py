@@ -20,8 +20,8 @@ import pytest
 
 import gatjax.surrogate.hidden
 from gatjax.data.trajectories import JointRun
+from gatjax.diagnosis import assembly, joint, loads, motion, plant
 from gatjax.diagnosis import fit as fits
-from gatjax.diagnosis import joint, loads, motion, plant
 from gatjax.diagnosis.bank import CAUSES
 from gatjax.diagnosis.case import Case, Held
 from gatjax.diagnosis.claims import Claim
@@ -100,7 +100,9 @@ def judged(world, angle):
     weighed = [loads.weigh(tree, moved[0], others)]
     base = Held(tree, [run], others, assumed=start.joints(model))
     names = joint_names(model)
-    ready = joint.build(model, tree, names, [run], moved, weighed, assumed=base.assumed)
+    ready = assembly.build(
+        model, tree, names, [run], moved, weighed, assumed=base.assumed
+    )
     case = Case(
         base=base, runs=[run], joints=ready, motions=moved, loads=weighed, healthy=[],
     )  # fmt: skip

@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gatjax.benchmark.squares import Solved, solved
+from gatjax.diagnosis.assembly import TRANSPORT
 from gatjax.diagnosis.hypotheses import Hypothesis, Numbers
-from gatjax.diagnosis.joint import TRANSPORT, Joint
+from gatjax.diagnosis.joint import Joint
 from gatjax.diagnosis.tolerances import SHARES, USUAL
 from gatjax.effects.catalogue import CATALOGUE
 

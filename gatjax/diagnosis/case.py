@@ -13,13 +13,12 @@ import numpy as np
 
 from gatjax import processors
 from gatjax.data.trajectories import JointRun
-from gatjax.diagnosis import joint as joints
+from gatjax.diagnosis import assembly, search
 from gatjax.diagnosis import loads as weights
 from gatjax.diagnosis import motion as motions
-from gatjax.diagnosis import search
 from gatjax.diagnosis.fit import Fit, evidence
 from gatjax.diagnosis.hypotheses import numbers
-from gatjax.diagnosis.joint import STEP, Joint
+from gatjax.diagnosis.joint import STEP, Assumed, Joint
 from gatjax.diagnosis.tolerances import USUAL, Tolerances
 from gatjax.robot.model import joint_names
 
@@ -49,7 +48,7 @@ class Base(Protocol):
         ...
 
     @property
-    def assumed(self) -> Sequence[joints.Assumed]:
+    def assumed(self) -> Sequence[Assumed]:
         """What is known of each joint besides the model; () if nothing is."""
         ...
 
@@ -68,7 +67,7 @@ class Held(NamedTuple):
     others: list[mujoco.MjModel]  # drawn from the tolerances of bodies and mounting
     allowed: Tolerances = USUAL
     follows: bool = True
-    assumed: Sequence[joints.Assumed] = ()
+    assumed: Sequence[Assumed] = ()
 
     def weigh(
         self, known: list[Joint], fits: list[Fit]
@@ -84,7 +83,7 @@ class Held(NamedTuple):
 
 def held(
     model: mujoco.MjModel, runs: list[JointRun], seed: int,
-    allowed: Tolerances = USUAL, assumed: Sequence[joints.Assumed] = (),
+    allowed: Tolerances = USUAL, assumed: Sequence[Assumed] = (),
 ) -> Held:  # fmt: skip
     """A robot with servos or motors on hinges, its base fixed.
 
@@ -124,7 +123,7 @@ class Case:
     @property
     def supply(self) -> float:
         """Largest sum of all servo torques in the runs, N m."""
-        total = joints.supply_load(self.model, self.tree, self.motions, self.loads)
+        total = assembly.supply_load(self.model, self.tree, self.motions, self.loads)
         return max(float(series.max()) for series in total)
 
     @property
@@ -191,7 +190,7 @@ def unfitted(base: Base, runs: list[JointRun]) -> Case:
     """A case with loads along the measured motion, whose tolerances are not fitted."""
     moved, loads = base.weigh([], [])
     names = joint_names(base.tree.model)
-    ready = joints.build(
+    ready = assembly.build(
         base.tree.model,
         base.tree,
         names,
@@ -262,7 +261,7 @@ def along(case: Case, known: list[Joint], fits: list[Fit]) -> Case:
     """
     moved, loads = case.base.weigh(known, fits)
     names = joint_names(case.model)
-    ready = joints.build(
+    ready = assembly.build(
         case.model, case.tree, names, case.runs, moved, loads, case.base.allowed,
         case.base.assumed,
     )  # fmt: skip

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from gatjax.data.trajectories import JointRun
+from gatjax.diagnosis.assembly import noise_of
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.floor import pushes, tolerances, weights
 from gatjax.diagnosis.floor.channels import TILT, Channels
@@ -16,7 +17,7 @@ from gatjax.diagnosis.floor.played import Rows, replayed, world_of
 from gatjax.diagnosis.floor.tolerances import Draw
 from gatjax.diagnosis.floor.weights import Trace
 from gatjax.diagnosis.hypotheses import numbers
-from gatjax.diagnosis.joint import STEP, Joint, noise_of
+from gatjax.diagnosis.joint import STEP, Joint
 from gatjax.diagnosis.loads import COARSE, Loads, Tree
 from gatjax.diagnosis.measure import fallen
 from gatjax.diagnosis.motion import FINE, Motion, grid_time, smoothed
@@ -61,7 +62,7 @@ class Standing(NamedTuple):
                 as they say, and what they leave counts as unexplained by them.
 
         Returns:
-            One motion and one load for each run, for `gatjax.diagnosis.joint.build`.
+            One motion and one load for each run, for `gatjax.diagnosis.assembly.build`.
         """
         time = grid_time(self.runs, STEP)[::FINE]
         followed = _followed(known, fits)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from gatjax.diagnosis.joint import TRANSPORT
+from gatjax.diagnosis.assembly import TRANSPORT
 from gatjax.diagnosis.loads import perturbed
 from gatjax.diagnosis.tolerances import SHARES, Tolerances
 from gatjax.sim.world import Values, World, add_cause

@@ -15,10 +15,11 @@ import mujoco
 import numpy as np
 
 from gatjax.data.trajectories import JointRun
+from gatjax.diagnosis.assembly import TRANSPORT
 from gatjax.diagnosis.floor.played import LIFT, SETTLE, Rows
 from gatjax.diagnosis.floor.reaction import Answer, Frame, dense
 from gatjax.diagnosis.floor.tolerances import Draw
-from gatjax.diagnosis.joint import STEP, TRANSPORT
+from gatjax.diagnosis.joint import STEP
 from gatjax.diagnosis.loads import (
     BODY_TERMS,
     COARSE,

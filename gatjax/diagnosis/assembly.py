@@ -1,0 +1,256 @@
+"""Joints put together: a model's numbers, loads and readings on one grid."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+
+from gatjax.data import sampling, starts, stops
+from gatjax.data.trajectories import JointRun
+from gatjax.diagnosis import laws
+from gatjax.diagnosis import loads as weights
+from gatjax.diagnosis import motion as motions
+from gatjax.diagnosis.joint import (
+    GRAVITY,
+    NOTHING,
+    OBSERVED,
+    STEP,
+    Assumed,
+    Joint,
+    Link,
+    observed,
+)
+from gatjax.diagnosis.tolerances import USUAL, Tolerances
+
+ROWS = 256  # readings of a run are padded to a multiple, to share compilations
+TRANSPORT = 0.0012  # s, nominal way of a command to the servo
+CREEP = 0.06  # rad/s, speed at which stiction has faded
+UNLIMITED = 1e5  # N m: a limit of that size is none
+GIVE = 3e-4  # rad, that dry friction yields before it slips
+SLOW = frozenset({"clock_drift", "thermal_derating"})  # not to be seen in pieces
+CAUGHT = 0.5  # s until a drawn joint has made up for a start that is as measured
+
+
+def nominal_drive(model: mujoco.MjModel, tree: weights.Tree, index: int) -> dict:
+    """Numbers of a drive and its joint as the model file gives them."""
+    moves = tree.moves[:, index]
+    held = model.actuator_trnid[index, 0]
+    limits = [UNLIMITED]
+    if model.actuator_forcelimited[index]:
+        limits.append(float(model.actuator_forcerange[index, 1]))
+    if model.jnt_actfrclimited[held]:
+        limits.append(float(np.abs(model.jnt_actfrcrange[held]).min()))
+    gravity = dict(zip(GRAVITY, map(float, model.opt.gravity), strict=True))
+    servoed = bool(model.actuator_biasprm[index, 1] != 0.0)
+    return gravity | ({} if servoed else observed(OBSERVED)) | {
+        "kp": float(model.actuator_gainprm[index, 0]), "hold": float(servoed),
+        "kv": float(0.0 - model.actuator_biasprm[index, 2]),
+        "limit": min(limits),
+        "damping": float(np.square(moves) @ model.dof_damping),
+        "friction": float(np.abs(moves) @ model.dof_frictionloss),
+        "armature": float(np.square(moves) @ model.dof_armature),
+        "delay": TRANSPORT, "creep": CREEP, "give": GIVE,
+        "rate": 1e3 if servoed else 1e9, "speed": 1e6, "scale": 1.0,
+        "cooling": 20.0, "stiffness": 1e3,
+    }  # fmt: skip
+
+
+def _asked(
+    runs: list[JointRun], moved: list[motions.Motion], index: int,
+    drive: dict[str, float],
+) -> float:  # fmt: skip
+    """A torque, N m, that no drive without a limit would have reached in some runs."""
+    error = [run.stiff * (run.command - drive["hold"] * run.angle) for run in runs]
+    most = drive["kp"] * max(float(np.abs(e[:, index]).max()) for e in error)
+    if not drive["hold"]:
+        fastest = max(float(np.abs(m.velocity[:, index]).max()) for m in moved)
+        most = max(most + drive["kv"] * fastest, drive["kp"])  # one unit at least
+    return 1.5 * most
+
+
+def supply_load(
+    model: mujoco.MjModel,
+    tree: weights.Tree,
+    moved: list[motions.Motion],
+    loads: list[weights.Loads],
+) -> list[np.ndarray]:
+    """Sum of all servo torques along each motion [M], N m.
+
+    A motor draws current in proportion to its torque, and all share one supply.
+    """
+    damping = np.square(tree.moves).T @ model.dof_damping
+    friction = np.abs(tree.moves).T @ model.dof_frictionloss
+    total = []
+    for motion, load in zip(moved, loads, strict=True):
+        torque = load.nominal.rest + load.nominal.inertia * motion.acceleration
+        torque += damping * motion.velocity + friction * np.tanh(motion.velocity / 0.02)
+        total.append(np.abs(torque).sum(-1))
+    return total
+
+
+def noise_of(runs: list[JointRun]) -> np.ndarray:
+    """Standard deviation of the readings of each joint [J], rad; the mean over runs.
+
+    Third differences of the calmest third of a run; a coarse encoder counts with its
+    rounding error, LSB / sqrt(12), also in a run in which the joint stands still.
+    """
+    levels, steps = [], []
+    for run in runs:
+        third = np.diff(run.angle, 3, axis=0) / np.sqrt(20.0)
+        count = len(third) // 20
+        calm = third[: count * 20].reshape(count, 20, -1)
+        levels.append(np.sqrt(np.quantile(np.square(calm).mean(1), 0.3, axis=0)))
+        seen = [np.diff(np.unique(np.round(angle, 9))) for angle in run.angle.T]
+        steps.append([apart.min() if len(apart) else np.inf for apart in seen])
+    lsb = np.min(steps, axis=0)
+    least = np.where(np.isfinite(lsb), lsb, 0.0) / np.sqrt(12.0)
+    return np.mean(np.maximum(levels, np.maximum(least, 1e-5)), axis=0)
+
+
+def build(
+    model: mujoco.MjModel,
+    tree: weights.Tree,
+    names: tuple[str, ...],
+    runs: list[JointRun],
+    moved: list[motions.Motion],
+    loads: list[weights.Loads],
+    allowed: Tolerances = USUAL,
+    assumed: Sequence[Assumed] = (),
+) -> list[Joint]:
+    """Put the joints of a model on the simulations' grid, runs padded to one length.
+
+    `assumed` says of each joint what is known besides; nothing if left out.
+    """
+    time = motions.grid_time(runs, STEP)
+    lead = int(np.sum(time < -0.5 * STEP))
+    rows = -(-max(len(run.time) for run in runs) // ROWS) * ROWS
+    noise = np.hypot(noise_of(runs), [allowed.close(name) for name in names])
+    supply = supply_load(model, tree, moved, loads)
+    total = assumed[0].supply if assumed else None
+    grids = _grids(runs, moved, loads, _share(supply, total))
+    at = np.stack([_padded(run.time - run.time[0], rows) for run in runs])
+    moving = np.stack([starts.underway(run) for run in runs])
+    joints = []
+    for index, name in enumerate(names):
+        drive = nominal_drive(model, tree, index)
+        limited = drive["limit"] < UNLIMITED
+        if not limited:
+            drive["limit"] = _asked(runs, moved, index, drive)
+        more = assumed[index] if assumed else NOTHING
+        if any(run.within for run in runs):
+            more = more._replace(barred=more.barred | SLOW)
+        drive |= more.law(drive["limit"])
+        grid = grids(index, drive["armature"])
+        if not drive["hold"]:
+            speed = jnp.asarray(moving[None, :, index], jnp.float32)
+            before = jnp.minimum(grid.clock, 0.0) * speed
+            path, reading = grid.path + before, grid.reading + before
+            grid = grid._replace(path=path, reading=reading)
+        seen = np.stack([_padded(run.angle[:, index], rows) for run in runs])
+        valid = np.zeros(seen.shape, bool)
+        for row, run, fast in zip(valid, runs, moving, strict=True):
+            counted = _free(model, run, index)
+            if not drive["hold"]:
+                counted &= ~starts.early(run, CAUGHT)
+            elif run.within or fast[index]:
+                counted &= ~starts.early(run)
+            row[: len(run.time)] = counted
+        body = tree.body[index]
+        mass, centre = float(model.body_mass[body]), model.body_ipos[body].copy()
+        link = Link(mass, centre, tree.axis[index])
+        readings = at, seen, valid, float(noise[index])
+        numbers = name, index, drive, grid, lead, *readings, allowed, link
+        joints.append(Joint(*numbers, limited, more))
+    return joints
+
+
+def _grids(
+    runs: list[JointRun],
+    moved: list[motions.Motion],
+    loads: list[weights.Loads],
+    supply: list[np.ndarray],
+) -> Callable[[int, float], laws.Grid]:
+    """What lies on the simulations' grid, of a joint and the armature of its motor."""
+    time = motions.grid_time(runs, STEP)
+    ends = np.array([run.time[-1] - run.time[0] for run in runs])
+    at, few = moved[0].time, moved[0].time[:: weights.COARSE]
+    clock = np.broadcast_to(time[:, None], (len(time), len(runs)))
+
+    def held(values: list[np.ndarray]) -> list[np.ndarray]:
+        """What is in force from each stamp on, of all joints."""
+        pairs = zip(runs, values, strict=True)
+        return [motions.cells(run.time - run.time[0], v, time) for run, v in pairs]
+
+    targets = [
+        np.concatenate([run.angle[:1], told[1:]]) if run.within else told
+        for run, told in zip(runs, held([run.command for run in runs]), strict=True)
+    ]
+    shares = held([run.stiff for run in runs])
+    added = weights.shapes(loads)
+
+    def series(columns: list[np.ndarray], points: np.ndarray = at) -> Any:
+        parts = [motions.spread(time, points, column) for column in columns]
+        return jnp.asarray(np.stack(parts, 1), jnp.float32)
+
+    same = {  # of all joints
+        "supply": series(supply),
+        "clock": jnp.asarray(clock, jnp.float32),
+        "running": jnp.asarray(clock <= ends, jnp.float32),
+    }
+
+    def terms(index: int, name: str) -> Any:
+        """What tolerances, bodies and gravity change of a field of `Load`."""
+        kind = weights.Load._fields.index(name)
+        columns = [
+            np.concatenate(
+                [a[kind][:, index], l.bodies[kind, :, index, index],
+                 l.gravity[kind, :, index]], -1
+            )
+            for a, l in zip(added, loads, strict=True)
+        ]  # fmt: skip
+        return series(columns, few)
+
+    def own(parts: list[np.ndarray], index: int) -> Any:
+        return jnp.asarray(np.stack([each[:, index] for each in parts], 1), jnp.float32)
+
+    def grid(index: int, armature: float) -> laws.Grid:
+        return laws.Grid(
+            target=own(targets, index),
+            stiffness=own(shares, index),
+            path=series([m.position[:, index] for m in moved]),
+            reading=series([m.reading[:, index] for m in moved]),
+            rest=series([l.nominal.rest[:, index] for l in loads]),
+            pull=series([l.pull[:, index] for l in loads]),
+            slope=series([l.nominal.slope[:, index] for l in loads]),
+            inertia=series([l.nominal.inertia[:, index] - armature for l in loads]),
+            rest_terms=terms(index, "rest"),
+            slope_terms=terms(index, "slope"),
+            inertia_terms=terms(index, "inertia"),
+            **same,
+        )
+
+    return grid
+
+
+def _share(supply: list[np.ndarray], total: float | None) -> list[np.ndarray]:
+    """Load of the supply as a share of `total` N m, or of its largest; 1 at most."""
+    if total is None:
+        total = max(float(load.max()) for load in supply)
+    return [np.minimum(load / max(total, 1e-9), 1.0) for load in supply]
+
+
+def _free(model: mujoco.MjModel, run: JointRun, index: int) -> np.ndarray:
+    """Readings [N] of a joint that are free of its stops and of gaps."""
+    joint = model.actuator_trnid[index, 0]
+    free = ~sampling.after_gaps(run.time, run.command)
+    if model.jnt_limited[joint]:
+        free &= ~stops.hindered(run, index, *model.jnt_range[joint])
+    return free
+
+
+def _padded(values: np.ndarray, rows: int) -> np.ndarray:
+    return np.pad(values, (0, rows - len(values)), mode="edge")
