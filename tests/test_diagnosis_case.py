@@ -70,7 +70,7 @@ def test_what_an_encoder_reads_is_what_the_plant_says(judge, cause, variant, own
     joint, run = judge.joints[0], judge.case.runs[0]
     point = put_together(np.zeros(COUNT), [(law(cause, variant), np.array([own]))])
     drive = joint.nominal | numbers(joint, *point)
-    outcome = joint.outcome([drive], False)
+    outcome = joint.outcome([drive], False, moving=True)
     fine = motion.grid_time([run], joints.STEP)[:: motion.FINE]
     angle = np.asarray(outcome.angle)
     read = joint.read(drive, angle, fine)

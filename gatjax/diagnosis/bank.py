@@ -128,7 +128,7 @@ def _thermal() -> Hypothesis:
     def values(joint: Joint, x: np.ndarray) -> Numbers:
         drive: Numbers = {}
         put(drive, joint, x)
-        heat = np.asarray(joint.outcome([drive], False).heat).max()
+        heat = joint.outcome([drive], False).heat.max()
         lost = float(np.clip(drive["heat"] * heat, 0.0, 0.95))
         return {"lost_fraction": lost, "cooling": drive["cooling"]}
 

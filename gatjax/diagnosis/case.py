@@ -308,11 +308,10 @@ def _resimulated(
             rests.append(joint.measured)
             continue
         drive = numbers(joint, fit.hypothesis, fit.x)
-        outcome = joint.outcome([drive], fit.geared)
-        angle = np.asarray(outcome.angle)
-        angles.append(angle[:: motions.FINE, :, 0])
-        read.append(joint.read(drive, angle, fine))
-        rests.append(joint.measured - np.asarray(outcome.readings)[..., 0])
+        outcome = joint.outcome([drive], fit.geared, moving=True)
+        angles.append(outcome.angle[:: motions.FINE, :, 0])
+        read.append(joint.read(drive, outcome.angle, fine))
+        rests.append(joint.measured - outcome.readings[..., 0])
     fast, seen, rest = (np.stack(each, -1) for each in (angles, read, rests))
     return [
         motions.simulated(run, fine, fast[:, k], seen[:, k], rest[k, : len(run.time)])

@@ -8,11 +8,10 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from gatjax.diagnosis import laws, plant
+from gatjax.diagnosis import kernel, laws, plant
 from gatjax.diagnosis.tolerances import USUAL, Tolerances
 
 STEP = 1e-3  # s, of the single-joint simulation
-CHUNKS = (32, 128, 256)  # simulations that run together: one compilation each
 GRAVITY = ("gravity_x", "gravity_y", "gravity_z")  # in `nominal`, m/s^2
 GEARS = frozenset({"backlash", "joint_elasticity"})
 OBSERVED = 10.0  # 1/s, how fast a joint without a servo is drawn to its measured motion
@@ -112,23 +111,17 @@ class Joint(NamedTuple):
 
     def simulate(self, drives: list[dict[str, float]], geared: bool) -> np.ndarray:
         """Readings [R, N, S] rad of joints whose drives differ."""
-        parts, start = [], 0
-        while start < len(drives):
-            size = next((c for c in CHUNKS if c >= len(drives) - start), CHUNKS[-1])
-            some = drives[start : start + size]
-            padded = some + [some[-1]] * (size - len(some))
-            seen = self.outcome(padded, geared).readings
-            parts.append(np.asarray(seen)[..., : len(some)])
-            start += size
-        return np.concatenate(parts, -1)
+        return self.outcome(drives, geared).readings
 
-    def outcome(self, drives: list[dict[str, float]], geared: bool) -> plant.Outcome:
-        """Everything that the simulation gives, on the device."""
-        time, drawn = jnp.asarray(self.time, jnp.float32), "pull" in self.nominal
-        apart = geared or self.assumed.geared
-        return plant.simulate(
-            self.packed(drives), self.grid, time, self.lead, STEP, apart, drawn
-        )
+    def outcome(
+        self, drives: list[dict[str, float]], geared: bool, moving: bool = False
+    ) -> plant.Outcome:
+        """Everything that the simulation gives; where the link was, if asked for."""
+        drawn, apart = "pull" in self.nominal, geared or self.assumed.geared
+        return kernel.simulate(
+            self.packed(drives), self.grid, self.time, self.lead, STEP, apart, drawn,
+            moving,
+        )  # fmt: skip
 
     def read(
         self, drive: dict[str, float], angle: np.ndarray, time: np.ndarray
@@ -140,9 +133,9 @@ class Joint(NamedTuple):
         Returns:
             [M, R] rad.
         """
-        p = laws.Drive(*(n[None] for n in self.packed([drive])[:-1]), terms=np.zeros(0))
         stamps = jnp.asarray(np.tile(time, (angle.shape[1], 1)), jnp.float32)
-        return np.asarray(plant.read(p, angle, stamps, self.lead + 1, STEP))[..., 0].T
+        seen = plant.read(self.packed([drive]), angle, stamps, self.lead + 1, STEP)
+        return np.asarray(seen)[..., 0].T
 
     def packed(self, drives: list[dict[str, float]]) -> laws.Drive:
         """Numbers of many drives as arrays [S]; what is not named is nominal."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 
 from gatjax.diagnosis import laws
@@ -17,7 +16,6 @@ from gatjax.diagnosis.laws import Drive, Grid, Servo
 from gatjax.sim.derived import LIGHT
 
 Array = Any
-BLOCK = 100  # steps whose loads are weighed together, few enough for the cache
 DAMPING_RATIO = 0.2  # of the gear's spring against the two inertias
 
 
@@ -162,78 +160,53 @@ def geared_step(p: Drive, g: Grid, u: Array, aim: Array, s: Geared, h: float) ->
     return Geared(q, v, turned, turning, carried, bristle, link_bristle, memory)
 
 
-def _delayed(target: Array, delay: Array, h: float) -> Any:
-    """Function of a step number: the command cells [R, K], late by a delay [1, S]."""
-    steps = delay / h + 0.5  # torques act around a step, cells begin with it
-    part = (steps - jnp.floor(steps)).astype(target.dtype)
-    whole = jnp.floor(steps[0]).astype(jnp.int32)
-
-    def at(k: Array) -> Array:
-        newer, older = jnp.maximum(k - whole, 0), jnp.maximum(k - whole - 1, 0)
-        return target[:, newer] * (1.0 - part) + target[:, older] * part
-
-    return at
+def advanced(p: Drive, g: Grid, u: Array, aim: Array, s: Any, h: float) -> Any:
+    """One step of either kind of joint."""
+    step: Any = geared_step if isinstance(s, Geared) else rigid_step
+    return step(p, g, u, aim, s, h)
 
 
-def _measured(p: Drive, grid: Grid, h: float) -> Any:
-    """Function of a step number: the angle [R, S] that would read as measured."""
-    read = grid.reading
-    run, last = jnp.arange(read.shape[1])[:, None], read.shape[0] - 2.0
-
-    def at(k: Array) -> Array:
-        later = (p.late + p.drift * grid.clock[k][:, None]) / (1.0 - p.drift)
-        place = jnp.clip(k + later / h, 0.0, last)
-        whole = jnp.floor(place)
-        part, first = place - whole, whole.astype(jnp.int32)
-        seen = read[first, run] * (1.0 - part) + read[first + 1, run] * part
-        return seen / p.scale - p.zero_in - p.zero_out
-
-    return at
+def begun(kind: type, p: Drive, told: Array, aim: Array) -> Any:
+    """A joint of a kind at rest, at its first command; if that is none, at an angle."""
+    zero = 0.0 * told
+    first = jnp.where(p.hold > 0.0, told, aim)
+    memory = Servo(told, told, zero, zero)
+    if kind is Geared:
+        return Geared(first, zero, first, zero, zero, zero, zero, memory)
+    return Rigid(first, zero, zero, zero, memory)
 
 
-def _simulate(p: Drive, grid: Grid, h: float, geared: bool, drawn: bool) -> tuple:
-    """Last state, angles at the encoder and of the link [K, R, S].
+def place(p: Drive, time: Array, lead: Array, h: float) -> Array:
+    """Row of a simulation's angles at which a stamp was read."""
+    return (time * (1.0 - p.drift) - p.late) / h + (lead - 1.0)
 
-    A joint starts at rest, at its first command or, if that is none, its first angle.
-    """
-    at, aim = _delayed(grid.target.T, p.delay, h), _measured(p, grid, h)
-    told, zero = at(jnp.zeros((), jnp.int32)), jnp.zeros((), jnp.int32)
-    memory = Servo(told, told, 0.0 * told, 0.0 * told)
-    first = jnp.where(p.hold > 0.0, told, aim(zero))
-    zero = 0.0 * first
-    start: Any = Rigid(first, zero, zero, zero, memory)
-    if geared:
-        start = Geared(first, zero, first, zero, zero, zero, zero, memory)
-    advance: Any = geared_step if geared else rigid_step
 
-    def step(state: Any, x: tuple) -> tuple[Any, tuple]:
-        k, g = x
-        goal = aim(k) if drawn else state.seen(p)
-        state = advance(p, g, at(k), goal, state, h)
-        return state, (state.seen(p), state.q if geared else None)
+def later(p: Drive, clock: Array, h: float) -> Array:
+    """Steps until an angle of now is read."""
+    return (p.late + p.drift * clock) / (1.0 - p.drift) / h
 
-    def block(state: Any, x: tuple) -> tuple[Any, tuple]:
-        k, g = x
-        return jax.lax.scan(step, state, (k, laws.weighed(p, g)))
 
-    series = jnp.arange(grid.target.shape[0], dtype=jnp.int32), grid
-    cut = jax.tree.map(lambda a: a.reshape(-1, BLOCK, *a.shape[1:]), series)
-    state, rows = jax.lax.scan(block, start, cut)
-    seen, link = jax.tree.map(lambda a: a.reshape(-1, *a.shape[2:]), rows)
-    return state, seen, link if geared else seen
+def encoded(p: Drive, angle: Array) -> Array:
+    """What an encoder reads at an angle, with its errors."""
+    return (angle + p.zero_in + p.zero_out) * p.scale
+
+
+def decoded(p: Drive, reading: Array) -> Array:
+    """The angle at which an encoder reads that."""
+    return reading / p.scale - p.zero_in - p.zero_out
 
 
 def read(p: Drive, seen: Array, time: Array, lead: int, h: float) -> Array:
-    """Readings at the stamps [R, N] -> [R, N, S], with the encoder's errors."""
-    at = time[..., None] * (1.0 - p.drift[None]) - p.late[None]
-    place = jnp.clip(at / h + (lead - 1.0), 0.0, seen.shape[0] - 2.0)
-    whole = jnp.floor(place)
-    part = (place - whole).astype(seen.dtype)
+    """Readings at the stamps [R, N] -> [R, N, S] of angles [K, R, S]."""
+    p = Drive(*(number[None, None] for number in p[:-1]), terms=p.terms)
+    at = jnp.clip(place(p, time[..., None], lead, h), 0.0, seen.shape[0] - 2.0)
+    whole = jnp.floor(at)
+    part = (at - whole).astype(seen.dtype)
     index = whole.astype(jnp.int32)
     run = jnp.arange(time.shape[0])[:, None, None]
     sim = jnp.arange(seen.shape[-1])[None, None]
     q = seen[index, run, sim] * (1.0 - part) + seen[index + 1, run, sim] * part
-    return (q + p.zero_in[None] + p.zero_out[None]) * p.scale[None]
+    return encoded(p, q)
 
 
 class Outcome(NamedTuple):
@@ -241,15 +214,4 @@ class Outcome(NamedTuple):
 
     readings: Array
     angle: Array
-    heat: Array
-
-
-def _run(
-    p: Drive, grid: Grid, time: Array, lead: int, h: float, geared: bool, drawn: bool
-) -> Outcome:
-    p = Drive(*(number[None] for number in p[:-1]), terms=p.terms)
-    state, seen, link = _simulate(p, grid, h, geared, drawn)
-    return Outcome(read(p, seen, time, lead, h), link, state.servo.heat)
-
-
-simulate = jax.jit(_run, static_argnames=("lead", "h", "geared", "drawn"))
+    heat: Array  # [R, S] at the end

@@ -170,9 +170,8 @@ def _followed(
     for joint, fit in zip(known, fits, strict=True):
         if fit.hypothesis is not None:
             drive = numbers(joint, fit.hypothesis, fit.x)
-            outcome = joint.outcome([drive], fit.hypothesis.geared)
-            angle = np.asarray(outcome.angle)[::FINE, :, 0]
-            out[joint.index] = angle, np.asarray(outcome.readings)[..., 0]
+            outcome = joint.outcome([drive], fit.hypothesis.geared, moving=True)
+            out[joint.index] = outcome.angle[::FINE, :, 0], outcome.readings[..., 0]
     return out
 
 
