@@ -193,6 +193,24 @@ def test_exponentials_are_near_enough():
     assert found == pytest.approx(np.exp(x.astype(float)), rel=1e-5)
 
 
+@pytest.mark.parametrize("name", ["late", "delay", "kp"])
+@pytest.mark.parametrize("drawn", [False, True])
+def test_a_number_that_is_none_spoils_its_own_simulation_only(name, drawn):
+    rng = np.random.default_rng(1)
+    g, p = grid(rng), drives(rng, 20)
+    time = np.tile(np.arange(0.0, 0.28, 0.01, np.float32), (RUNS, 1))
+    bad = getattr(p, name).copy()
+    bad[[3, 4, 5]] = np.nan, 1e30, -1e30
+    right, found = (
+        kernel.simulate(each, g, time, LEAD, STEP, False, drawn).readings
+        for each in (p, p._replace(**{name: bad}))
+    )
+    assert np.isnan(found[..., 3]).all()
+    assert np.array_equal(
+        np.delete(right, [3, 4, 5], 2), np.delete(found, [3, 4, 5], 2)
+    )
+
+
 SMALL = """
 from numba import njit
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import jax.numpy as jnp
 import mujoco
 import numpy as np
 
@@ -146,8 +145,8 @@ def build(
         drive |= more.law(drive["limit"])
         grid = grids(index, drive["armature"])
         if not drive["hold"]:
-            speed = jnp.asarray(moving[None, :, index], jnp.float32)
-            before = jnp.minimum(grid.clock, 0.0) * speed
+            speed = np.asarray(moving[None, :, index], np.float32)
+            before = np.minimum(grid.clock, 0.0) * speed
             path, reading = grid.path + before, grid.reading + before
             grid = grid._replace(path=path, reading=reading)
         seen = np.stack([_padded(run.angle[:, index], rows) for run in runs])
@@ -194,12 +193,12 @@ def _grids(
 
     def series(columns: list[np.ndarray], points: np.ndarray = at) -> Any:
         parts = [motions.spread(time, points, column) for column in columns]
-        return jnp.asarray(np.stack(parts, 1), jnp.float32)
+        return np.asarray(np.stack(parts, 1), np.float32)
 
     same = {  # of all joints
         "supply": series(supply),
-        "clock": jnp.asarray(clock, jnp.float32),
-        "running": jnp.asarray(clock <= ends, jnp.float32),
+        "clock": np.asarray(clock, np.float32),
+        "running": np.asarray(clock <= ends, np.float32),
     }
 
     def terms(index: int, name: str) -> Any:
@@ -215,7 +214,7 @@ def _grids(
         return series(columns, few)
 
     def own(parts: list[np.ndarray], index: int) -> Any:
-        return jnp.asarray(np.stack([each[:, index] for each in parts], 1), jnp.float32)
+        return np.asarray(np.stack([each[:, index] for each in parts], 1), np.float32)
 
     def grid(index: int, armature: float) -> laws.Grid:
         return laws.Grid(

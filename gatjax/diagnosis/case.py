@@ -7,7 +7,6 @@ from collections.abc import Callable, Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple, Protocol, runtime_checkable
 
-import jax.numpy as jnp
 import mujoco
 import numpy as np
 
@@ -166,8 +165,8 @@ class Case:
                 motions.spread(time, few, load.bodies[kind, :, joint.index, other])
                 for load in self.loads
             ]
-            series = jnp.asarray(np.stack(columns, 1), jnp.float32)
-            parts[name] = getattr(grid, name).at[..., first:last].set(series)
+            parts[name] = getattr(grid, name).copy()
+            parts[name][..., first:last] = np.stack(columns, 1)
         changed = grid._replace(**parts)
         return joint._replace(grid=changed, link=self.joints[other].link)
 

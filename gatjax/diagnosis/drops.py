@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from scipy.stats import chi2
 
@@ -251,7 +250,7 @@ def with_commands(
     return joint._replace(grid=joint.grid._replace(target=_on_grid(joint, given)))
 
 
-def _on_grid(joint: Joint, values: list[np.ndarray]) -> jnp.ndarray:
+def _on_grid(joint: Joint, values: list[np.ndarray]) -> np.ndarray:
     """What is in force from each stamp on, per run [N]: on the grid [K, R]."""
     steps = joint.grid.target.shape[0]
     grid = (np.arange(steps) - joint.lead) * STEP
@@ -259,7 +258,7 @@ def _on_grid(joint: Joint, values: list[np.ndarray]) -> jnp.ndarray:
         cells(joint.time[run, : len(v)], v[:, None], grid)[:, 0]
         for run, v in enumerate(values)
     ]
-    return jnp.asarray(np.stack(series, 1), jnp.float32)
+    return np.asarray(np.stack(series, 1), np.float32)
 
 
 LOST = Hypothesis(

@@ -188,6 +188,8 @@ def _improved(judge: Judge, found: list[list[Option]], known: Fits) -> Partial:
     for turn in range(TURNS):
         moved, looked = False, found[:-1] if turn == 0 else found
         for place, (mine, *_) in enumerate(looked):
+            done = (turn + place / len(looked)) / TURNS
+            judge.tell("everywhere", (len(found) - 1 + done) / MOST)
             rest = found[:place] + found[place + 1 :]
             base = retried(judge, refitted(judge, known, mine.hypothesis.cause))
             options = _ranked(judge, base, [each[0] for each in rest])

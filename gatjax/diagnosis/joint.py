@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
 from gatjax.diagnosis import kernel, laws, plant
@@ -48,7 +47,7 @@ class Link(NamedTuple):
 
 
 class Joint(NamedTuple):
-    """One joint over R runs of at most N rows; `grid` lies on the device."""
+    """One joint over R runs of at most N rows."""
 
     name: str
     index: int
@@ -133,7 +132,7 @@ class Joint(NamedTuple):
         Returns:
             [M, R] rad.
         """
-        stamps = jnp.asarray(np.tile(time, (angle.shape[1], 1)), jnp.float32)
+        stamps = np.asarray(np.tile(time, (angle.shape[1], 1)), np.float32)
         seen = plant.read(self.packed([drive]), angle, stamps, self.lead + 1, STEP)
         return np.asarray(seen)[..., 0].T
 

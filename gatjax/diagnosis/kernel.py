@@ -89,6 +89,7 @@ def simulate(
         *(_plain(each) for each in (numbers, p.terms, *series, *terms, time)),
         np.float32(lead), np.float32(h), readings, angle, heat,
     )  # fmt: skip
+    readings[..., np.isnan(numbers).any(0)] = np.nan  # limits would hide that
     return plant.Outcome(readings, angle, heat)
 
 

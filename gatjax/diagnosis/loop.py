@@ -95,8 +95,8 @@ def simulate(
                 <begun>
             for k in range(steps):
                 for s in range(m):
-                    i = k - whole[s]
-                    newer, older = target[max(i, 0), r], target[max(i - 1, 0), r]
+                    i = min(max(k - whole[s], 0), steps - 1)
+                    newer, older = target[i, r], target[max(i - 1, 0), r]
                     u[s] = newer * (f(1.0) - part[s]) + older * part[s]
                 for s in range(m):
                     g_rest[s] = rest[k, r]
@@ -129,7 +129,7 @@ def simulate(
                 for s in range(n):
                     <place>
                     place = min(max(<at>, f(0.0)), f(steps - 2))
-                    i = int(place)
+                    i = min(max(int(place), 0), steps - 2)  # whatever the numbers are
                     x_q = trace[i, s] + (place - f(i)) * (trace[i + 1, s] - trace[i, s])
                     <encoded>
                     readings[r, row, first + s] = <read>
@@ -190,7 +190,8 @@ def source(geared: bool, drawn: bool, h: float) -> str:
         "aim": [
             *rows.loads(later, right), *later.texts,
             f"place = min(max(f(k) + {later.outputs[0]}, f(0.0)), f(steps - 2))",
-            "i = int(place)", "rising = reading[i + 1, r] - reading[i, r]",
+            "i = min(max(int(place), 0), steps - 2)",
+            "rising = reading[i + 1, r] - reading[i, r]",
             "x_read = reading[i, r] + (place - f(i)) * rising",
             *right.texts, f"aim[s] = {right.outputs[0]}",
         ],

@@ -7,7 +7,6 @@ to a target is known, and what that does to a linear servo is a convolution.
 
 from __future__ import annotations
 
-import jax.numpy as jnp
 import numpy as np
 
 from gatjax.diagnosis.joint import STEP, Joint
@@ -52,7 +51,7 @@ def steps(joint: Joint, residual: np.ndarray) -> list[float]:
 def _answer(joint: Joint, period: float) -> np.ndarray:
     """What one tick of 1 rad does to a linear servo, at the next ticks, rad."""
     drive = joint.nominal
-    inertia = float(jnp.mean(joint.grid.inertia)) + drive["armature"]
+    inertia = float(np.mean(joint.grid.inertia)) + drive["armature"]
     resist, pull = drive["kv"] + drive["damping"], drive.get("pull", 0.0)
     h, q, v, out = STEP, 0.0, 0.0, []
     for k in range(round(MEMORY / h)):

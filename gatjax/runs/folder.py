@@ -19,7 +19,9 @@ from typing import Any, NamedTuple
 from gatjax.files import as_json, read_json, write_json
 
 FOLDERS = ("recordings", "policies", "grounding", "checkpoints", "walks")
-PACKAGES = ("gatjax", "jax", "mujoco", "mujoco-mjx", "dartpy", "evosax", "numpy")
+PACKAGES = (
+    "gatjax", "jax", "mujoco", "mujoco-mjx", "dartpy", "evosax", "numba", "numpy",
+)  # fmt: skip
 
 
 class RunFolder(NamedTuple):
