@@ -8,6 +8,7 @@ to a target is known, and what that does to a linear servo is a convolution.
 from __future__ import annotations
 
 import numpy as np
+from scipy import fft
 
 from gatjax.diagnosis.joint import STEP, Joint
 
@@ -20,7 +21,8 @@ APART = 0.005  # relative distance of the chosen ones
 
 def steps(joint: Joint, residual: np.ndarray) -> list[float]:
     """Steps in rad that explain a residual [n] best, best first."""
-    ladder = np.geomspace(LEAST, MOST, COUNT)
+    ladder = np.geomspace(LEAST, MOST, COUNT, dtype=np.float32)
+    residual = residual.astype(np.float32)
     left, first = np.zeros(COUNT), 0
     for run, valid in enumerate(joint.valid):
         rows, time = int(valid.sum()), joint.time[run][valid]
@@ -28,15 +30,15 @@ def steps(joint: Joint, residual: np.ndarray) -> list[float]:
             continue
         at = joint.lead + np.ceil(time / STEP + 1e-6).astype(int)
         series = np.asarray(joint.grid.target)[:, run]
-        command = series[np.minimum(at, len(series) - 1)].astype(float)
+        command = series[np.minimum(at, len(series) - 1)]
         kernel = _answer(joint, float(np.median(np.diff(time))))
-        size = 2 ** int(np.ceil(np.log2(rows + len(kernel))))
-        answer = np.fft.rfft(kernel, size)
+        size = fft.next_fast_len(rows + len(kernel), real=True)
+        answer = np.asarray(fft.rfft(kernel.astype(np.float32), size))
         for part in range(0, COUNT, TOGETHER):  # whole, it would be GB for a long log
             some = ladder[part : part + TOGETHER, None]
             rounded = np.round(command / some) * some - command
-            moved = np.fft.irfft(np.fft.rfft(rounded, size) * answer)
-            rest = residual[first : first + rows] - moved[:, :rows]
+            moved = fft.irfft(np.asarray(fft.rfft(rounded, size)) * answer, size)
+            rest = residual[first : first + rows] - np.asarray(moved)[:, :rows]
             left[part : part + TOGETHER] += np.square(rest).sum(1)
         first += rows
     chosen: list[float] = []
