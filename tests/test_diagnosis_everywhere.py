@@ -207,12 +207,16 @@ class Story:
         monkeypatch.setattr(everywhere, "retried", lambda judge, known: known)
         monkeypatch.setattr(everywhere.sharing, "nats", told)
         monkeypatch.setattr(Judge, "joints", [], raising=False)
+        self.shares = []
+        tell = lambda judge, stage, share: self.shares.append(share)  # noqa: E731
+        monkeypatch.setattr(Judge, "tell", tell, raising=False)
 
     def improved(self, *found):
         """The causes that are left, each with what was weighed in its place."""
         known = {0: fit(" ".join(cause for cause, _ in found))}
         start = [[option(cause, gain)] for cause, gain in found]
         left, known = everywhere._improved(object.__new__(Judge), start, known)
+        assert all(0.0 <= share < 1.0 for share in self.shares)
         rows = [[each.hypothesis.cause for each in rows] for rows in left]
         return rows, self.words(known)
 

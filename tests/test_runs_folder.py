@@ -76,7 +76,8 @@ def test_the_environment_names_versions_and_device(tmp_path):
     environment = json.loads((run.path / "environment.json").read_text())
     assert environment["packages"]["numpy"] == np.__version__
     assert set(environment["packages"]) == {
-        *("gatjax", "jax", "mujoco", "mujoco-mjx", "dartpy", "evosax", "numpy")
+        *("gatjax", "jax", "mujoco", "mujoco-mjx"),
+        *("dartpy", "evosax", "numba", "numpy"),
     }
     assert environment["device"] == "cpu:0"
     assert environment["cpu_count"] == os.cpu_count()
