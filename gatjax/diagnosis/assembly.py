@@ -25,7 +25,6 @@ from gatjax.diagnosis.joint import (
 )
 from gatjax.diagnosis.tolerances import USUAL, Tolerances
 
-ROWS = 256  # readings of a run are padded to a multiple, to share compilations
 TRANSPORT = 0.0012  # s, nominal way of a command to the servo
 CREEP = 0.06  # rad/s, speed at which stiction has faded
 UNLIMITED = 1e5  # N m: a limit of that size is none
@@ -126,7 +125,7 @@ def build(
     """
     time = motions.grid_time(runs, STEP)
     lead = int(np.sum(time < -0.5 * STEP))
-    rows = -(-max(len(run.time) for run in runs) // ROWS) * ROWS
+    rows = max(len(run.time) for run in runs)
     noise = np.hypot(noise_of(runs), [allowed.close(name) for name in names])
     supply = supply_load(model, tree, moved, loads)
     total = assumed[0].supply if assumed else None
@@ -145,7 +144,7 @@ def build(
         drive |= more.law(drive["limit"])
         grid = grids(index, drive["armature"])
         if not drive["hold"]:
-            speed = np.asarray(moving[None, :, index], np.float32)
+            speed = moving[None, :, index].astype(np.float32)
             before = np.minimum(grid.clock, 0.0) * speed
             path, reading = grid.path + before, grid.reading + before
             grid = grid._replace(path=path, reading=reading)
@@ -193,12 +192,12 @@ def _grids(
 
     def series(columns: list[np.ndarray], points: np.ndarray = at) -> Any:
         parts = [motions.spread(time, points, column) for column in columns]
-        return np.asarray(np.stack(parts, 1), np.float32)
+        return np.stack(parts, 1).astype(np.float32)
 
     same = {  # of all joints
         "supply": series(supply),
-        "clock": np.asarray(clock, np.float32),
-        "running": np.asarray(clock <= ends, np.float32),
+        "clock": clock.astype(np.float32),
+        "running": (clock <= ends).astype(np.float32),
     }
 
     def terms(index: int, name: str) -> Any:
@@ -214,7 +213,7 @@ def _grids(
         return series(columns, few)
 
     def own(parts: list[np.ndarray], index: int) -> Any:
-        return np.asarray(np.stack([each[:, index] for each in parts], 1), np.float32)
+        return np.stack([each[:, index] for each in parts], 1).astype(np.float32)
 
     def grid(index: int, armature: float) -> laws.Grid:
         return laws.Grid(

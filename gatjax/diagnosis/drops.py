@@ -258,7 +258,7 @@ def _on_grid(joint: Joint, values: list[np.ndarray]) -> np.ndarray:
         cells(joint.time[run, : len(v)], v[:, None], grid)[:, 0]
         for run, v in enumerate(values)
     ]
-    return np.asarray(np.stack(series, 1), np.float32)
+    return np.stack(series, 1).astype(np.float32)
 
 
 LOST = Hypothesis(

@@ -80,7 +80,7 @@ class Joint(NamedTuple):
     @property
     def fastest(self) -> float:
         """Speed that a hundredth of its motion exceeds, rad/s."""
-        path, runs = np.asarray(self.grid.path), np.asarray(self.grid.running)
+        path, runs = self.grid.path, self.grid.running
         speed = np.abs(np.diff(path, axis=0))[runs[1:] > 0.0] / STEP
         return float(np.quantile(speed, 0.99))
 
@@ -132,7 +132,7 @@ class Joint(NamedTuple):
         Returns:
             [M, R] rad.
         """
-        stamps = np.asarray(np.tile(time, (angle.shape[1], 1)), np.float32)
+        stamps = np.tile(time, (angle.shape[1], 1)).astype(np.float32)
         seen = plant.read(self.packed([drive]), angle, stamps, self.lead + 1, STEP)
         return np.asarray(seen)[..., 0].T
 

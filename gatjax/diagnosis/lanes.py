@@ -93,7 +93,7 @@ def _followed(
     names: Sequence[str],
     lines: list[Line],
     mark: str,
-) -> list[str]:  # fmt: skip
+) -> list[str]:
     """Append the lines of a traced function of some names; return its outputs."""
     known = dict(zip(jaxpr.invars, names, strict=True))
     known |= {v: _number(c) for v, c in zip(jaxpr.constvars, consts, strict=True)}

@@ -29,7 +29,7 @@ def steps(joint: Joint, residual: np.ndarray) -> list[float]:
         if rows < 2:
             continue
         at = joint.lead + np.ceil(time / STEP + 1e-6).astype(int)
-        series = np.asarray(joint.grid.target)[:, run]
+        series = joint.grid.target[:, run]
         command = series[np.minimum(at, len(series) - 1)]
         kernel = _answer(joint, float(np.median(np.diff(time))))
         size = fft.next_fast_len(rows + len(kernel), real=True)
