@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gatjax.data.recording import write_recording
-from gatjax.diagnosis import agreed, bank, everywhere
+from gatjax.diagnosis import agreed, bank, everywhere, proposed, stepwise
 from gatjax.diagnosis.agreed import CHANCE
 from gatjax.diagnosis.case import held, prepare
 from gatjax.diagnosis.claims import SHARED, WHOLE, Claim
@@ -199,13 +199,14 @@ class Story:
 
         self.words = words
         for name, function in {
-            "refitted": without, "_scored": scored,
-            "_ranked": lambda judge, known, beside: ranked.get(words(known), []),
+            "refitted": without, "scored": scored,
+            "ranked": lambda judge, known, beside: ranked.get(words(known), []),
         }.items():  # fmt: skip
-            monkeypatch.setattr(everywhere, name, function)
+            monkeypatch.setattr(stepwise, name, function)
         told = lambda joints, known: nats[words(known)]  # noqa: E731
-        monkeypatch.setattr(everywhere, "retried", lambda judge, known: known)
-        monkeypatch.setattr(everywhere.sharing, "nats", told)
+        for name in ("retried", "followed"):
+            monkeypatch.setattr(stepwise, name, lambda judge, known: known)
+        monkeypatch.setattr(stepwise.sharing, "nats", told)
         monkeypatch.setattr(Judge, "joints", [], raising=False)
         self.shares = []
         tell = lambda judge, stage, share: self.shares.append(share)  # noqa: E731
@@ -215,7 +216,7 @@ class Story:
         """The causes that are left, each with what was weighed in its place."""
         known = {0: fit(" ".join(cause for cause, _ in found))}
         start = [[option(cause, gain)] for cause, gain in found]
-        left, known = everywhere._improved(object.__new__(Judge), start, known)
+        left, known = stepwise._improved(object.__new__(Judge), start, known)
         assert all(0.0 <= share < 1.0 for share in self.shares)
         rows = [[each.hypothesis.cause for each in rows] for rows in left]
         return rows, self.words(known)
@@ -285,18 +286,78 @@ def test_it_begins_with_the_causes_that_explain_most_together(
         "sag": [option("lag", 900.0, "sag lag")],
     }
     nats["sag lag"] = 990.0
-    monkeypatch.setattr(Judge, "tell", lambda *_: None, raising=False)
-    story = Story(monkeypatch, nats | {"sag": 90.0}, ranked)
-    found, known = everywhere._begun(object.__new__(Judge), firsts, {0: fit("")})
+    story, judge = (
+        Story(monkeypatch, nats | {"sag": 90.0}, ranked),
+        object.__new__(Judge),
+    )
+    judge.case = None
+    found, known = stepwise.begun(judge, firsts, {0: fit("")})
     assert [each[0].hypothesis.cause for each in found] == expected
     assert story.words(known) == " ".join(expected)
+
+
+@pytest.mark.parametrize("together, expected", [
+    (970.0, ["dead", "load"]), (1050.0, ["dead", "rub", "load"])
+])  # fmt: skip
+def test_of_causes_that_are_near_each_other_the_next_one_decides(
+    monkeypatch, together, expected
+):
+    nats = {"dead": 900.0, "dead load": 980.0, "dead rub": 960.0, "dead sag": 930.0}
+    nats |= {"dead rub load": together, "dead sag load": 2000.0}
+    nats |= {"load": 10.0, "rub": 10.0, "rub load": 20.0}
+    options = [option("load", 80.0, "dead load"), option("rub", 60.0, "dead rub")]
+    options.append(option("sag", 30.0, "dead sag"))  # too far behind
+    ranked = {
+        "dead rub": [option("load", together - 960.0, "dead rub load")],
+        "dead sag": [option("load", 1070.0, "dead sag load")],
+    }
+    story = Story(monkeypatch, nats, ranked)
+    before = stepwise.Partial([[option("dead", 900.0)]], {0: fit("dead")})
+    found, known = stepwise.added(object.__new__(Judge), before, options)
+    assert [each[0].hypothesis.cause for each in found] == expected
+    assert story.words(known) == " ".join(expected)
+
+
+def test_starts_are_compared_on_the_loads_of_the_best_one(monkeypatch):
+    judge = object.__new__(Judge)
+    judge.case = "measured"
+
+    def follow(judge, known):
+        judge.case = "along " + known[0].hypothesis.variant
+        return {0: fit("followed")}
+
+    monkeypatch.setattr(stepwise, "followed", follow)
+    again = lambda judge, known: {0: fit(known[0].hypothesis.variant + " again")}  # noqa: E731
+    monkeypatch.setattr(stepwise, "refitted", again)
+    starts = [stepwise.Partial([], {0: fit(name)}) for name in ("lag", "rub")]
+    starts, known = stepwise._followed(judge, starts, {0: fit("none")})
+    fits = [*(start.known for start in starts), known]
+    names = [each[0].hypothesis.variant for each in fits]
+    assert judge.case == "along lag" and names == [
+        "followed",
+        "rub again",
+        "none again",
+    ]
+    monkeypatch.setattr(stepwise, "followed", lambda judge, known: known)  # no better
+    assert stepwise._followed(judge, starts, known) == (starts, known)
+
+
+def test_the_best_start_is_kept_where_all_explain_less(monkeypatch):
+    Story(monkeypatch, {"lag": -40.0, "rub": -30.0}, {})
+    starts = [
+        stepwise.Partial([[option(name, 20.0)]], {0: fit(name)})
+        for name in ("lag", "rub")
+    ]
+    kept = stepwise._nearest(object.__new__(Judge), starts, {0: fit("")})
+    assert [each.found[0][0].hypothesis.cause for each in kept] == ["rub"]
 
 
 @pytest.mark.parametrize(
     "left, beside, taken",
     [
         ([], True, []),
-        ([5], True, ["lag"]),  # something else is wrong there
+        ([5], False, ["lag"]),  # something else is wrong there
+        ([5], True, ["lag", "rub"]),  # worth it beside what tolerances imitate of it
         ([4, 5], True, ["lag", "rub"]),
         ([4, 5], False, ["lag"]),
         ([3, 4, 5], False, []),
@@ -307,6 +368,7 @@ def test_one_cause_is_taken_where_little_is_wrong_besides(
 ):
     judge = object.__new__(Judge)
     judge.most, judge.joints, judge.tell = 3, [None] * 6, lambda *_: None
+    judge.case = None
     judge.known = [fit("")] * 6
     lag, rub = (
         option(cause, 300.0)._replace(fits={k: fit(cause) for k in range(6)})
@@ -317,15 +379,16 @@ def test_one_cause_is_taken_where_little_is_wrong_besides(
     def rank(judge, known, beside):
         return ranked.get(tuple(each.hypothesis.cause for each in beside), [])
 
-    monkeypatch.setattr(everywhere, "_ranked", rank)
-    same = lambda judge, found, known: everywhere.Partial(found, known)  # noqa: E731
-    monkeypatch.setattr(everywhere, "_improved", same)
-    for name in ("followed", "retried"):
-        monkeypatch.setattr(everywhere, name, lambda judge, known: known)
+    for module in (everywhere, stepwise):
+        monkeypatch.setattr(module, "ranked", rank)
+        monkeypatch.setattr(module, "followed", lambda judge, known: known)
+    same = lambda judge, found, known: stepwise.Partial(found, known)  # noqa: E731
+    monkeypatch.setattr(stepwise, "_improved", same)
+    monkeypatch.setattr(stepwise, "retried", lambda judge, known: known)
     nats = lambda joints, known: 300.0 * (known[0] is not judge.known[0])  # noqa: E731
-    monkeypatch.setattr(everywhere.sharing, "nats", nats)
+    monkeypatch.setattr(stepwise.sharing, "nats", nats)
     monkeypatch.setattr(everywhere, "_probes", lambda judge, wrong: wrong)
-    monkeypatch.setattr(everywhere, "_current", lambda option, known: option)
+    monkeypatch.setattr(everywhere, "current", lambda option, known: option)
     wrong = lambda judge, known: left if known[0] is lag.fits[0] else [*known]  # noqa: E731
     monkeypatch.setattr(everywhere, "_left", wrong)
     found = everywhere.causes(judge)
@@ -344,34 +407,34 @@ def test_a_cause_that_joints_want_otherwise_is_none_of_the_robot(
         return start(joint, [put_together(np.zeros(COUNT), parts)])
 
     healthy = fit("")
-    monkeypatch.setattr(everywhere.search, "proposals", proposals)
+    monkeypatch.setattr(proposed.search, "proposals", proposals)
     alone = lambda joint, fit: 0.0 if fit is healthy else 500.0  # noqa: E731
-    monkeypatch.setattr(everywhere.sharing, "alone", alone)
-    monkeypatch.setattr(everywhere, "spread", lambda *_: None)
-    monkeypatch.setattr(everywhere.sharing, "gained", lambda *_: together)
+    monkeypatch.setattr(proposed.sharing, "alone", alone)
+    monkeypatch.setattr(proposed, "spread", lambda *_: None)
+    monkeypatch.setattr(proposed.sharing, "gained", lambda *_: together)
     known = dict.fromkeys(range(6), healthy)
-    found = everywhere._ranked(judge, known, [])
+    found = proposed.ranked(judge, known, [])
     assert [option.hypothesis.cause for option in found] == kept
 
 
 @pytest.mark.parametrize("together, kept", [(9.0, ["delay"]), (11.0, ["lag", "delay"])])
 def test_a_cause_that_joints_want_otherwise_now_is_dropped(monkeypatch, together, kept):
     story = Story(monkeypatch, {"lag delay": 600.0, "delay": 100.0}, {})
-    scored = everywhere._scored
+    scored = stepwise.scored
 
     def weighed(judge, mine, known, base):
         gain = {"lag": together}.get(mine.hypothesis.cause, 90.0)
         return scored(judge, mine, known, base)._replace(gain=gain)
 
-    monkeypatch.setattr(everywhere, "_scored", weighed)
+    monkeypatch.setattr(stepwise, "scored", weighed)
     causes, _ = story.improved(("lag", 80.0), ("delay", 60.0))
     assert [first for first, *_ in causes] == kept
 
 
 def test_a_cause_is_of_the_robot_only_if_it_is_worth_it_at_most_joints():
-    few = option("stiction", 0.0)._replace(gains={0: 500.0, 1: 9.0, 2: 9.0})
+    few = option("stiction", 0.0)._replace(gains={0: 500.0, 1: -1.0, 2: -1.0})
     assert not few.common(3)
-    assert few._replace(gains={0: 11.0, 1: 11.0}).common(3)
+    assert few._replace(gains={0: 1.0, 1: 1.0}).common(3)
 
 
 class Taken(Exception):

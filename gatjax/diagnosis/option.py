@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gatjax.diagnosis.claims import LATER, shared_value
+from gatjax.diagnosis.claims import shared_value
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import Hypothesis
 
@@ -32,5 +32,5 @@ class Option(NamedTuple):
         return self.hypothesis.law
 
     def common(self, joints: int) -> bool:
-        """Whether it is worth it at most of some joints."""
-        return sum(gain > LATER for gain in self.gains.values()) > SHARE * joints
+        """Whether it is worth its own value at most of some joints."""
+        return sum(gain > 0.0 for gain in self.gains.values()) > SHARE * joints
