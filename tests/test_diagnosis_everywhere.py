@@ -318,6 +318,19 @@ def test_of_causes_that_are_near_each_other_the_next_one_decides(
     assert story.words(known) == " ".join(expected)
 
 
+@pytest.mark.parametrize("worth, expected", [(9.0, ["dead"]), (11.0, ["dead", "rub"])])
+def test_nothing_is_added_that_all_causes_together_make_little_of(
+    monkeypatch, worth, expected
+):
+    nats = {"dead": 900.0, "rub": 10.0, "dead rub": 900.0 + worth}
+    story = Story(monkeypatch, nats, {})
+    before = stepwise.Partial([[option("dead", 900.0)]], {0: fit("dead")})
+    options = [option("rub", 60.0, "dead rub")]  # without the joint that it helps most
+    found, known = stepwise.added(object.__new__(Judge), before, options)
+    assert [each[0].hypothesis.cause for each in found] == expected
+    assert story.words(known) == " ".join(expected)
+
+
 def test_starts_are_compared_on_the_loads_of_the_best_one(monkeypatch):
     judge = object.__new__(Judge)
     judge.case = "measured"
@@ -385,7 +398,8 @@ def test_one_cause_is_taken_where_little_is_wrong_besides(
     same = lambda judge, found, known: stepwise.Partial(found, known)  # noqa: E731
     monkeypatch.setattr(stepwise, "_improved", same)
     monkeypatch.setattr(stepwise, "retried", lambda judge, known: known)
-    nats = lambda joints, known: 300.0 * (known[0] is not judge.known[0])  # noqa: E731
+    worth = {"": 0.0, "lag": 300.0, "rub": 600.0}
+    nats = lambda joints, known: worth[known[0].hypothesis.variant]  # noqa: E731
     monkeypatch.setattr(stepwise.sharing, "nats", nats)
     monkeypatch.setattr(everywhere, "_probes", lambda judge, wrong: wrong)
     monkeypatch.setattr(everywhere, "current", lambda option, known: option)

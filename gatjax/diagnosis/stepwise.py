@@ -50,12 +50,16 @@ def added(judge: Judge, before: Partial, options: list[Option]) -> Partial:
     """Causes with the best of some options, and another one beside it if two are near.
 
     What explains most need not be a cause: where options are near each other, what each
-    of them explains with the best one beside it decides.
+    of them explains with the best one beside it decides. Nothing is added that is worth
+    too little without the joint that all causes explain worst.
     """
     starts = _starts(judge, before, options)
     if len(starts) > 1:
         starts = [_grown(judge, start) for start in starts[:AHEAD]]
         starts = _nearest(judge, starts, before.known)
+    worth = sharing.nats(judge.joints, starts[0].known)
+    if worth - sharing.nats(judge.joints, before.known) < LATER:
+        return before
     return _improved(judge, *starts[0])
 
 
