@@ -15,6 +15,7 @@ from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.extend import (
     calibration,
     effects,
+    extended,
     neutral,
     parameters,
     world_values,
@@ -24,7 +25,7 @@ from gatjax.diagnosis.hypotheses import COUNT, TOLERANCES, Hypothesis
 from gatjax.diagnosis.joint import GRAVITY, Joint, Link
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.mjcf import lacking, write_model
-from gatjax.diagnosis.verdict import Verdict
+from gatjax.diagnosis.verdict import Cause, Verdict
 from gatjax.effects.catalogue import CATALOGUE
 from gatjax.effects.cause import check_range, complete
 from gatjax.robot import model as robot_model
@@ -351,3 +352,50 @@ def test_a_number_that_a_cause_sets_is_not_corrected_besides() -> None:
     plain = start_fit(less, np.log([0.1]))._replace(hypothesis=None, x=np.zeros(COUNT))
     assert corrected(plain) == ["armature"]
     assert corrected(start_fit(less, np.log([0.1]))) == []
+
+
+def test_causes_act_in_the_order_of_the_simulated_joint(tmp_path: Path) -> None:
+    """Found in another order: a delay would delay what a dead band makes of angles."""
+    known = add_cause(arm(tmp_path), "dead_band", ["nod"], 0.01)
+    known = add_cause(known, "payload", ["nod"], 0.1)
+    judge = judged(STRONG)
+    judge.joints = [
+        judge.joints[0]._replace(name=name, index=k)
+        for k, name in enumerate(("lift", "turn", "nod"))
+    ]
+    laws = [
+        next(h for h in CAUSES if h.law == law)
+        for law in (
+            ("dead_band", ""),
+            ("speed_limit", "target"),
+            ("command_delay", ""),
+            ("first_order_lag", ""),
+            ("load_friction", "of the servo's torque"),
+            ("stiction", ""),
+            ("torque_saturation", ""),
+            ("supply_sag", ""),
+        )
+    ]
+    judge.case.supply = 20.0
+    claims = [Claim(law, np.array(law.starts[0]), (0,), {}, 0.0) for law in laws]
+    causes = [Cause(claim, 1.0, [], []) for claim in claims]
+    verdict = Verdict("named", causes, [], None, [], judge)
+    rows = [
+        {"cause": name, "where": ["lift"], "values": values, "role": "calibration"}
+        for name, values in (
+            ("command_delay", {"delay": 0.001}),
+            ("encoder_offset", {"offset": 0.002}),
+            ("encoder_offset", {"offset": 0.01, "in_loop": 1.0}),
+        )
+    ]
+    world = extended(verdict, known, rows)
+    assert [effect.rpartition("_")[0] for effect in world.motor] == [
+        "command_delay", "command_delay", "first_order_lag", "speed_limit",
+        "encoder_offset", "dead_band",
+    ]  # fmt: skip
+    assert [effect.rpartition("_")[0] for effect in world.joint] == [
+        "supply_sag", "torque_saturation", "stiction", "load_friction"
+    ]  # fmt: skip
+    assert [row["cause"] for row in world.causes][:1] == ["payload"]
+    assert len(world.causes) == 2 + 8 + 3
+    assert sum(row.get("role") == "calibration" for row in world.causes) == 3

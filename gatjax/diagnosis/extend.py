@@ -26,6 +26,13 @@ OWN = {  # fields of a driven joint alone; others may be tied to it
     "armature": "dof_armature", "coulomb_friction": "dof_frictionloss",
     "viscous_friction": "dof_damping",
 }  # fmt: skip
+CHAIN = (
+    "command_delay", "command_quantization", "first_order_lag", "thermal_derating",
+    "supply_sag", "speed_limit", "encoder_offset", "encoder_scale", "dead_band",
+    "torque_saturation", "torque_ripple", "stiction", "asymmetric_friction",
+    "load_friction",
+)  # fmt: skip
+"""Causes from the command to the joint, in the order in which `plant` has them."""
 Row = dict[str, Any]
 
 
@@ -207,15 +214,29 @@ def neutral(rows: list[Row]) -> list[Row]:
 def extended(verdict: Verdict, world: World, rows: list[Row]) -> World:
     """A world with the verdict's causes and rows of calibration.
 
+    Effects act in the order in which a world lists them: here that of the simulated
+    joint, in which they were fitted. A delay after a dead band would delay what the
+    dead band has made of the angle.
+
     Args:
         verdict: of the diagnosis.
         world: that the diagnosis started from.
         rows: from `calibration`, or none.
     """
-    for cause in verdict.causes:
-        world = worlds.add_causes(world, effects(verdict.judge, cause.claim))
-    for row in rows:
+    found = [
+        {"cause": name, "where": where, "values": values}
+        for cause in verdict.causes
+        for name, where, values in effects(verdict.judge, cause.claim)
+    ]
+    every = sorted([*world.causes, *found, *rows], key=_turn)
+    world = worlds.nominal(world.task, world.source, world.model.opt.timestep)
+    for row in every:
         world = worlds.add_cause(
-            world, row["cause"], row["where"], row["values"], row["role"]
+            world, row["cause"], row["where"], row["values"], row.get("role", "cause")
         )
     return world
+
+
+def _turn(row: Row) -> int:
+    """When a cause acts on the way from the command to the joint."""
+    return CHAIN.index(row["cause"]) if row["cause"] in CHAIN else -1
