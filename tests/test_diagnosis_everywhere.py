@@ -479,6 +479,29 @@ def test_joints_agree_on_values_that_are_alike(cause, sizes, agree):
     assert agreed.common(judge, claims) is agree
 
 
+@pytest.mark.parametrize(
+    ("gains", "seen", "weak"),
+    [
+        ({(0, 1, 2, 3, 4, 5): 11.0}, 3.0, False),  # one value for all
+        ({(0, 1, 2, 3, 4, 5): 9.0}, 3.0, True),
+        ({(0, 1, 2, 3, 4, 5): 11.0}, 0.4, True),  # not to be seen
+        ({(0, 1, 2): 90.0, (3, 4, 5): 9.0}, 3.0, True),  # at half of them only
+        ({(0, 1, 2): 11.0, (3,): 11.0, (4, 5): -5.0}, 3.0, False),
+        ({(k,): 9.0 for k in range(6)}, 3.0, True),  # quite something together
+        ({(k,): 35.0 if k < 3 else 8.0 for k in range(6)}, 3.0, True),
+    ],
+)
+def test_values_are_worth_it_at_most_joints_or_the_cause_is_dropped(
+    monkeypatch, gains, seen, weak
+):
+    judge = object.__new__(Judge)
+    judge.joints = [None] * 6
+    monkeypatch.setattr(Judge, "visibility", lambda judge, claim: seen)
+    law = option("stiction", 0.0).hypothesis
+    claims = [Claim(law, np.zeros(1), w, {}, gain) for w, gain in gains.items()]
+    assert agreed._weak(judge, claims) is weak
+
+
 def test_every_cause_that_joints_share_has_a_size_to_compare(tmp_path):
     judge = judged(tmp_path)
     judge.joints = [judge.joints[0]] * CHANCE

@@ -26,7 +26,7 @@ from gatjax.diagnosis.findings import VISIBLE
 from gatjax.diagnosis.fit import Fit, parts_of, refitted
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, pinned
 from gatjax.diagnosis.judge import Judge
-from gatjax.diagnosis.option import Option
+from gatjax.diagnosis.option import SHARE, Option
 from gatjax.diagnosis.sharing import Group, divisions
 from gatjax.effects.catalogue import cause
 
@@ -87,8 +87,13 @@ def _size(judge: Judge, claim: Claim) -> float:
 
 
 def _weak(judge: Judge, claims: list[Claim]) -> bool:
-    """Whether a cause is no finding."""
-    if sum(claim.gain for claim in claims) < LATER:
+    """Whether a cause is no finding: worth too little with its values, or invisible.
+
+    A value that many joints share is worth it once for all of them; values of their own
+    have to be so at most joints.
+    """
+    borne = sum(len(claim.where) for claim in claims if claim.gain > LATER)
+    if borne <= SHARE * len(judge.joints):
         return True
     return all(judge.visibility(claim) <= VISIBLE for claim in claims)
 
