@@ -26,11 +26,12 @@ from gatjax.diagnosis.bank import CAUSES
 from gatjax.diagnosis.case import Case, Held
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.drawn import drawn_errors
-from gatjax.diagnosis.extend import world_values
+from gatjax.diagnosis.extend import extended, world_values
 from gatjax.diagnosis.hypotheses import COUNT, combined, tolerated
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.start import Start
 from gatjax.diagnosis.tolerances import USUAL
+from gatjax.diagnosis.verdict import Cause, Verdict
 from gatjax.effects.catalogue import CATALOGUE
 from gatjax.robot.model import joint_names, load
 from gatjax.sim.replay import replay_many
@@ -263,3 +264,29 @@ def test_a_far_shift_of_a_link_is_its_moments_and_a_spin(moved):
     assert np.abs(there.inertia - plain.inertia).max() > 0.005
     assert inertia == pytest.approx(there.inertia, abs=1e-4)
     assert rest == pytest.approx(there.rest, abs=1e-3)
+
+
+@pytest.mark.parametrize("found", [
+    ("dead_band", "encoder_offset in loop"), ("dead_band", "command_delay"),
+    ("dead_band", "speed_limit target"), ("speed_limit target", "command_quantization"),
+    ("load_friction of the servo's torque", "torque_saturation"),
+])  # fmt: skip
+def test_causes_found_in_any_order_act_as_they_were_fitted(found, world, plain):
+    (first, second), (angle, judge, ours) = (NAMES[name] for name in found), plain
+    both, own, causes = combined(first, second), (), []
+    with jax.numpy_rank_promotion("allow"):
+        for law, name in zip((first, second), found, strict=True):
+            middle = law.starts[len(law.starts) // 2]
+            alone = OWN.get(name, OWN.get(law.cause, middle))
+            own = (*own, *alone)
+            fit = {0: fitted(law, alone)}
+            claim = Claim(law, np.array(alone), (0,), fit, 0.0)
+            causes.append(Cause(claim, 1.0, [], []))
+        verdict = Verdict("named", causes, [], None, [], judge)
+        theirs = logged(extended(verdict, world, []))
+        told = simulated(judged(world, theirs), both, own)
+        worlds = [extended(verdict._replace(causes=[c]), world, []) for c in causes]
+    effect = min(rms(theirs - logged(each)) for each in worlds)
+    assert effect > 4e-3
+    left = min(rms(told - theirs), rms((told - ours) - (theirs - angle)))
+    assert left < SHARE * effect, left / effect
