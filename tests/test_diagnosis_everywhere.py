@@ -318,6 +318,21 @@ def test_of_causes_that_are_near_each_other_the_next_one_decides(
     assert story.words(known) == " ".join(expected)
 
 
+def test_there_are_never_more_causes_than_a_robot_may_have(monkeypatch):
+    names = ["gain", "lag", "dead", "limit", "delay"]
+    nats = {" ".join(names): 900.0, " ".join([*names, "rub"]): 990.0}
+    nats |= {" ".join([*names, "load"]): 980.0, " ".join([*names, "load", "rub"]): 2e3}
+    nats |= {" ".join(n for n in [*names, "rub"] if n != own): 0.0 for own in names}
+    known = " ".join(names)
+    options = [option(name, 90.0, f"{known} {name}") for name in ("rub", "load")]
+    ranked = {f"{known} load": [option("rub", 1e3, f"{known} load rub")]}
+    story = Story(monkeypatch, nats, ranked)
+    before = [[option(name, 100.0)] for name in names]
+    before = stepwise.Partial(before, {0: fit(known)})
+    found, _ = stepwise.added(object.__new__(Judge), before, options)
+    assert len(found) == stepwise.MOST and max(story.shares) < 1.0
+
+
 @pytest.mark.parametrize("worth, expected", [(9.0, ["dead"]), (11.0, ["dead", "rub"])])
 def test_nothing_is_added_that_all_causes_together_make_little_of(
     monkeypatch, worth, expected

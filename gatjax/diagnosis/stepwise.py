@@ -54,7 +54,7 @@ def added(judge: Judge, before: Partial, options: list[Option]) -> Partial:
     too little without the joint that all causes explain worst.
     """
     starts = _starts(judge, before, options)
-    if len(starts) > 1:
+    if len(starts) > 1 and len(before.found) + 2 <= MOST:
         starts = [_grown(judge, start) for start in starts[:AHEAD]]
         starts = _nearest(judge, starts, before.known)
     worth = sharing.nats(judge.joints, starts[0].known)
