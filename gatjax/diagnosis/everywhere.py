@@ -26,8 +26,8 @@ ODD = 0.2  # the largest share of joints that are wrong in ways of their own
 def causes(judge: Judge) -> list[list[Option]]:
     """The causes of a whole robot; none where a single one is enough.
 
-    Where it is enough at most joints, it is taken with what is wrong at the others left
-    to be found beside it.
+    Where it is enough at most joints, it is taken with what is worth it beside it; what
+    is wrong at the others is left to be found besides.
 
     Args:
         judge: knows tolerances only. It gets a case and joints with the loads along the
