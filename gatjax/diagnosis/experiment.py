@@ -15,7 +15,6 @@ from gatjax.diagnosis.start import Start
 from gatjax.diagnosis.verdict import Verdict
 from gatjax.motions import MENU
 from gatjax.settings import SIMULATOR_LOG, seeds
-from gatjax.sim import world as worlds
 from gatjax.sim.limbs import floats, limbs_of, put_down
 from gatjax.sim.replay import replay_many
 from gatjax.sim.world import World, stacked
@@ -168,10 +167,7 @@ def _why(
 
 def _world(verdict: Verdict, claims: list[Claim], start: Start, period: float) -> World:
     """The world that a diagnosis starts from with some causes only."""
-    world = start.world(period)
-    for claim in claims:
-        world = worlds.add_causes(world, extend.effects(verdict.judge, claim))
-    return world
+    return extend.claimed(verdict.judge, claims, start.world(period))
 
 
 def _separations(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import mujoco
@@ -214,27 +215,32 @@ def neutral(rows: list[Row]) -> list[Row]:
 def extended(verdict: Verdict, world: World, rows: list[Row]) -> World:
     """A world with the verdict's causes and rows of calibration.
 
-    Effects act in the order in which a world lists them: here that of the simulated
-    joint, in which they were fitted. A delay after a dead band would delay what the
-    dead band has made of the angle.
-
     Args:
         verdict: of the diagnosis.
         world: that the diagnosis started from.
         rows: from `calibration`, or none.
     """
+    claims = [cause.claim for cause in verdict.causes]
+    return claimed(verdict.judge, claims, world, rows)
+
+
+def claimed(
+    judge: Judge, claims: list[Claim], world: World, rows: Sequence[Row] = ()
+) -> World:
+    """A world with some claims, and more rows.
+
+    Effects act in the order in which a world lists them: here that of the simulated
+    joint, in which they were fitted. A delay after a dead band would delay what the
+    dead band has made of the angle.
+    """
     found = [
         {"cause": name, "where": where, "values": values}
-        for cause in verdict.causes
-        for name, where, values in effects(verdict.judge, cause.claim)
+        for claim in claims
+        for name, where, values in effects(judge, claim)
     ]
     every = sorted([*world.causes, *found, *rows], key=_turn)
-    world = worlds.nominal(world.task, world.source, world.model.opt.timestep)
-    for row in every:
-        world = worlds.add_cause(
-            world, row["cause"], row["where"], row["values"], row.get("role", "cause")
-        )
-    return world
+    bare = worlds.nominal(world.task, world.source, world.model.opt.timestep)
+    return worlds.add_rows(bare, every)
 
 
 def _turn(row: Row) -> int:

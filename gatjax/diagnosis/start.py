@@ -21,7 +21,7 @@ from gatjax.robot import model as robot_model
 from gatjax.runs import read_json
 from gatjax.sim import causes, derived
 from gatjax.sim.stored import read_world, world_file
-from gatjax.sim.world import World, add_cause, nominal
+from gatjax.sim.world import World, add_rows, nominal
 from gatjax.task import Task
 
 ADDING = frozenset({
@@ -100,12 +100,7 @@ class Start(NamedTuple):
             timestep: of the physics, s; the model file's if left out.
         """
         world = nominal(Task(control_period=period), self.source, timestep)
-        for row in self.rows:
-            world = add_cause(
-                world, row["cause"], row["where"], row["values"],
-                row.get("role", "cause"),
-            )  # fmt: skip
-        return world
+        return add_rows(world, self.rows)
 
     def model(self) -> mujoco.MjModel:
         """The robot with all known changes of its bodies, joints and servos."""

@@ -26,7 +26,7 @@ from gatjax.robot.nao import LIMITS
 from gatjax.runs import Progress, write_whole
 from gatjax.sim.backend import prepare
 from gatjax.sim.stored import read_world, write_world
-from gatjax.sim.world import World, add_cause
+from gatjax.sim.world import World, add_rows
 from gatjax.walk.parameters import THETA0
 
 EXPLAINED = "explained"
@@ -144,10 +144,7 @@ def extended(setting: Setting, walks: Recording) -> World:
             f"what the diagnosis found does not surely predict the held-out motion "
             f"better (error {gain['before']:.3g} to {gain['after']:.3g} rad)"
         )
-    world = setting.world
-    for row in rows:
-        role = row.get("role", "cause")
-        world = add_cause(world, row["cause"], row["where"], row["values"], role)
+    world = add_rows(setting.world, rows)
     _stand(setting, world, "that the diagnosis extended")
     setting.progress.stage("find the torques that the robot's walks bear out")
     world = bounded(world, walks, setting.settings.seed)

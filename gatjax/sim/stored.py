@@ -11,7 +11,7 @@ import numpy as np
 
 from gatjax.robot import model as robot_model
 from gatjax.runs import write_json
-from gatjax.sim.world import World, add_cause, nominal
+from gatjax.sim.world import World, add_rows, nominal
 from gatjax.task import Task
 
 SCHEMA = "gatjax.world/1"
@@ -50,10 +50,7 @@ def read_world(path: Path, task: Task = Task()) -> tuple[World, Path | None]:
         where = f"{path}: effect {number}"
         _check_row(row, where)
         try:
-            world = add_cause(
-                world, row["cause"], row["where"], row["values"],
-                row.get("role", "cause"),
-            )  # fmt: skip
+            world = add_rows(world, [row])
         except ValueError as error:
             raise ValueError(f"{where}, {error}") from error
     grounding = text.get("grounding")

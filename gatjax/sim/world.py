@@ -213,6 +213,14 @@ def add_causes(
     return world
 
 
+def add_rows(world: World, rows: Iterable[Mapping[str, Any]]) -> World:
+    """Add causes one after the other, as a world lists them: a row may have a role."""
+    for row in rows:
+        role = row.get("role", "cause")
+        world = add_cause(world, row["cause"], row["where"], row["values"], role)
+    return world
+
+
 def _effect(cause: str, place: int) -> str:
     """Name of the effects of the first row, by its place, of those that share them."""
     return f"{cause}_{place}"
