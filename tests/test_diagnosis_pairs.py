@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from gatjax.diagnosis import findings, pairs, verdict
+from gatjax.diagnosis import exchange, findings, pairs, verdict
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined
@@ -65,7 +65,7 @@ class Scripted(Judge):
 @pytest.fixture
 def told(monkeypatch):
     """The verdict on a script, in which only the causes `right` explain the joint."""
-    for module in (verdict, pairs):
+    for module in (verdict, exchange, pairs):
         monkeypatch.setattr(module, "worth_naming", lambda judge, claim: True)
         monkeypatch.setattr(
             module, "whole", lambda judge, claim: bool(claim.hypothesis.cause)
@@ -77,9 +77,10 @@ def told(monkeypatch):
 
     monkeypatch.setattr(pairs, "_beside", beside)
     monkeypatch.setattr(pairs, "explained", lambda judge, claim: 0.5)
-    monkeypatch.setattr(
-        verdict, "adequate", lambda judge, index: set(judge.names) == judge.right
-    )
+    for module in (verdict, exchange):
+        monkeypatch.setattr(
+            module, "adequate", lambda judge, index: set(judge.names) == judge.right
+        )
 
     def run(script, right):
         found = verdict.decide(Scripted(script, set(right)))
@@ -135,7 +136,8 @@ def test_two_causes_that_explain_as_much_replace_three(told):
 
 
 def test_two_causes_replace_three_that_explain_the_joint_as_well(told, monkeypatch):
-    monkeypatch.setattr(verdict, "adequate", lambda judge, index: True)
+    for module in (verdict, exchange):
+        monkeypatch.setattr(module, "adequate", lambda judge, index: True)
     assert told(THREE, set()) == ("named", ["friction", "tilt"])
 
 
@@ -151,7 +153,7 @@ def test_a_law_beside_a_cause_that_gave_way_is_forgotten(told):
 
 def test_a_cause_that_comes_and_goes_ends(told, monkeypatch):
     dropped = lambda judge, causes, fresh: (fresh, causes[1:])  # noqa: E731
-    monkeypatch.setattr(verdict, "_exchanged", dropped)
+    monkeypatch.setattr(verdict, "exchanged", dropped)
     script = {
         "": {"payload": 120.0, "tilt": 70.0}, "tilt": {"payload": 90.0},
         "payload": {"tilt": 200.0}, "payload+tilt": {},
@@ -163,8 +165,8 @@ def test_a_cause_of_the_floor_is_no_cause_of_joints(told):
     floor = claim("tilt")._replace(fits={}, where=())
     cause = verdict.Cause(floor, 1.0, [], [])
     judge = Scripted({}, set())
-    before = [verdict.Before(judge, [])]
-    assert verdict._instead(judge, [cause], before) == (judge, [cause])
+    before = [exchange.Before(judge, [])]
+    assert exchange.instead(judge, [cause], before) == (judge, [cause])
 
 
 def test_sizes_are_those_beside_what_was_accepted_later():

@@ -1,11 +1,12 @@
 """Two causes at one joint: the first one is looked for again beside the second."""
 
+from copy import copy
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from gatjax.diagnosis import experiment, verdict
+from gatjax.diagnosis import exchange, experiment, verdict, weighing
 from gatjax.diagnosis.aliases import again
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.fit import Fit
@@ -32,6 +33,11 @@ class Told(Judge):
         self.case = SimpleNamespace(pulled=dict.fromkeys(pulled, 10.0), aside={})
         self.joints, self.accepted = [None], []
 
+    def fork(self):
+        other = copy(self)
+        other.names = list(self.names)
+        return other
+
     def accept(self, claim):
         self.names.append(claim.hypothesis.cause)
         return claim
@@ -48,16 +54,19 @@ class Told(Judge):
 
 @pytest.fixture
 def named(monkeypatch):
-    """Both causes, and what `_exchanged` makes of them, as names."""
-    monkeypatch.setattr(verdict, "worth_naming", lambda judge, claim: True)
-    monkeypatch.setattr(verdict, "whole", lambda judge, claim: True)
+    """Both causes, and what `exchanged` makes of them, as names."""
+    for module in (verdict, exchange):
+        monkeypatch.setattr(module, "worth_naming", lambda judge, claim: True)
+        monkeypatch.setattr(module, "whole", lambda judge, claim: True)
     causes = [verdict.Cause(claim(n), 0.9, [], []) for n in ("gain", "elastic")]
 
     def run(judge, fresh, *second):
         causes[1:] = second or causes[1:]
-        chosen, found = verdict._exchanged(judge, causes, fresh)
-        assert chosen is (judge if found == causes else fresh)
-        return [cause.claim.hypothesis.cause for cause in found]
+        chosen, found = exchange.exchanged(judge, causes, fresh)
+        names = [cause.claim.hypothesis.cause for cause in found]
+        before = [cause.claim.hypothesis.cause for cause in causes]
+        assert chosen is judge if names == before else chosen.names == names
+        return names
 
     return run
 
@@ -71,6 +80,34 @@ def test_another_first_cause_takes_the_place_if_it_explains_more(named):
 def test_the_first_cause_stays_if_the_other_one_explains_no_more(named):
     fresh = Told({"elastic+friction": 1.0}, [claim("friction")])
     assert named(Told({"": 0.0}), fresh) == ["gain", "elastic"]
+
+
+def test_what_explains_as_much_is_named_with_the_first_cause(named):
+    told = {"": 0.0, "elastic+friction": 2.0, "elastic+tilt": -20.0}
+    near = [claim("tilt", 104.0), claim("friction", 103.0), claim("gain", 100.0)]
+    causes = [weighing.Cause(claim(n), 0.9, [], ["lag"]) for n in ("gain", "elastic")]
+    (first, second) = exchange.exchanged(Told(told), causes, Told(told, near))[1]
+    assert second == causes[1]
+    assert first.equivalent == ["friction"]  # tilt is none, on loads that it makes
+    odds = np.exp(weighing.TEMPER * 2.0)
+    assert first.probability == pytest.approx(1.0 / (1.0 + odds), rel=1e-3)
+
+
+def test_what_explains_most_on_loads_of_its_own_takes_the_place(named):
+    near = [claim("tilt", 104.0), claim("friction", 103.0)]
+    told = {"": 0.0, "elastic+friction": 9.0, "elastic+tilt": -20.0}
+    assert named(Told(told), Told(told, near)) == ["elastic", "friction"]
+    far = [claim("tilt", 104.0), claim("friction", 90.0)]
+    assert named(Told(told), Told(told, far)) == ["gain", "elastic"]
+
+
+def test_the_first_cause_is_as_likely_as_it_is_beside_the_second(named):
+    causes = [weighing.Cause(claim(n), 0.9, [], []) for n in ("gain", "elastic")]
+    near = [claim("gain", 100.0), claim("tilt", 99.0)]
+    (first, second) = exchange.exchanged(Told({}), causes, Told({}, near))[1]
+    assert second == causes[1]
+    assert first.equivalent == ["tilt"]
+    assert first.probability == pytest.approx(0.62, abs=0.01)
 
 
 def test_the_first_cause_stays_if_it_is_found_again(named):
@@ -100,8 +137,8 @@ def test_a_cause_of_the_joint_that_carries_a_link_is_looked_for_again(named):
     first = verdict.Cause(claim("gain"), 0.9, [], [])
     again = Told({"payload+friction": 20.0}, [claim("friction")])
     again.joints, again.case = fresh.joints, fresh.case
-    chosen, found = verdict._exchanged(judge, [second, first], again)
-    assert chosen is again
+    chosen, found = exchange.exchanged(judge, [second, first], again)
+    assert chosen is not judge
     assert [cause.claim.body for cause in found] == [1, None]
 
 
@@ -114,8 +151,8 @@ def test_a_further_value_of_a_cause_takes_no_other_causes_place(named, monkeypat
     judge.most, judge.joints, judge.fork = 3, [None] * 6, lambda: judge
     judge.confirmed, judge.current = lambda claim: True, lambda claim: claim
     monkeypatch.setattr(verdict, "_everywhere", lambda judge: [])
-    monkeypatch.setattr(verdict, "_exchanged", lambda judge, causes, _: (judge, causes))
-    monkeypatch.setattr(verdict, "_instead", lambda judge, causes, _: (judge, causes))
+    monkeypatch.setattr(verdict, "exchanged", lambda judge, causes, _: (judge, causes))
+    monkeypatch.setattr(verdict, "instead", lambda judge, causes, _: (judge, causes))
     monkeypatch.setattr(verdict, "adequate", lambda judge, k: True)
     found = [cause.claim for cause in verdict.decide(judge).causes]
     assert [each.where for each in found] == [each.where for each in every]
@@ -131,7 +168,7 @@ def test_a_cause_is_not_told_beside_a_better_one_that_is_no_finding(
     monkeypatch.setattr(
         verdict, "worth_naming", lambda judge, claim: claim.hypothesis.cause == "gain"
     )
-    monkeypatch.setattr(verdict, "_instead", lambda judge, causes, _: (judge, causes))
+    monkeypatch.setattr(verdict, "instead", lambda judge, causes, _: (judge, causes))
     monkeypatch.setattr(verdict, "adequate", lambda judge, k: True)
     judge.current = lambda claim: claim
     causes = verdict.decide(judge).causes
@@ -243,6 +280,6 @@ def test_an_alias_that_the_logs_tell_apart_is_not_listed(gain, expected):
     best = claim("command_delay")
     alias = claim("measurement_delay", gain)
     judge = Told({})
-    cause = verdict._weighed(judge, best, [best, alias])
+    cause = weighing.weighed(judge, best, [best, alias])
     assert cause.equivalent == [f"measurement_{name}" for name in expected]
     assert cause.probability == pytest.approx(1.0)

@@ -1,0 +1,89 @@
+"""Named causes: how probable each is among what else it could be."""
+
+from __future__ import annotations
+
+import itertools
+from typing import NamedTuple
+
+import numpy as np
+
+from gatjax.diagnosis.aliases import again, alias
+from gatjax.diagnosis.claims import Claim
+from gatjax.diagnosis.judge import Judge
+
+TEMPER = 0.5  # of the log evidence, so that probabilities are calibrated
+CLOSE = 3.0  # nats: two causes that the data cannot tell apart
+MARGIN = 10.0  # nats: an alias is told apart
+
+
+class Cause(NamedTuple):
+    """A named cause with what else it could be."""
+
+    claim: Claim
+    probability: float
+    rivals: list[tuple[Claim, float]]  # best first, with their probabilities
+    equivalent: list[str]
+    borne_out: bool | None = None  # by logs of another motion; None: nobody asked
+
+
+def further(judge: Judge, causes: list[Cause]) -> list[Claim]:
+    """Claims beside causes that a judge has accepted."""
+    told, count = [cause.claim for cause in causes], len(judge.joints)
+    return [c for c in judge.claims() if not again(c, told, count)]
+
+
+def weighed(judge: Judge, best: Claim, claims: list[Claim]) -> Cause:
+    """Probability of a claim against its rivals; aliases count as one."""
+    count = len(judge.joints)
+    mine = alias(best.hypothesis, count)
+    rivals = [c for c in claims if c.rivals(best) and c is not best]
+    gains = np.array([best.gain, *(c.gain for c in rivals)])
+    weights = np.exp(TEMPER * (gains - gains.max()))
+    same = np.array([True, *(alike(c, best, mine) for c in rivals)])
+    probability = float(
+        weights[same].sum() / (weights.sum() + np.exp(-TEMPER * gains.max()))
+    )
+    shares = weights[1:] / weights.sum()
+    near = [c for c in rivals if c.place() == best.place()]
+    close = {
+        c.hypothesis.cause for c in near
+        if c.hypothesis.cause and best.gain - c.gain < CLOSE
+    }  # fmt: skip
+    told = {c.hypothesis.cause for c in near} - {
+        c.hypothesis.cause for c in near if best.gain - c.gain < MARGIN
+    }
+    equivalent = sorted((close | mine - told) - {best.hypothesis.cause})
+    return Cause(best, probability, list(zip(rivals, shares, strict=True)), equivalent)
+
+
+def told_again(judge: Judge, told: Claim, claims: list[Claim]) -> Cause | None:
+    """A claim weighed among those beside another cause, if they say the same again."""
+    mine, name = alias(told.hypothesis, len(judge.joints)), told.hypothesis.cause
+    same = [c for c in claims if alike(c, told, mine)]
+    if not same:
+        return None
+    best = min(same, key=lambda c: c.hypothesis.cause != name)
+    found = weighed(judge, best, claims)
+    equivalent = sorted({*found.equivalent, best.hypothesis.cause} - {name})
+    return found._replace(claim=told, equivalent=equivalent)
+
+
+def beaten(judge: Judge, best: Claim, claims: list[Claim]) -> bool:
+    """Whether a catalogued rival that is no finding explains more; then neither is."""
+    mine = alias(best.hypothesis, len(judge.joints))
+    before = itertools.takewhile(lambda claim: claim is not best, claims)
+    return any(
+        c.hypothesis.cause and c.rivals(best) and not alike(c, best, mine)
+        for c in before
+    )
+
+
+def elsewhere(claim: Claim, told: Claim) -> bool:
+    """Whether it is another value of a cause, at other joints: no further cause."""
+    same = claim.hypothesis.law == told.hypothesis.law
+    return same and bool(claim.where) and set(claim.where).isdisjoint(told.where)
+
+
+def alike(claim: Claim, best: Claim, aliases: frozenset[str]) -> bool:
+    """Whether a rival says the same: cause or alias, and place."""
+    return claim.hypothesis.cause in aliases and claim.place() == best.place()
