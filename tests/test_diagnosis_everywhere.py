@@ -1,5 +1,7 @@
 """A robot that is wrong in several ways at all joints: they are found together."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -548,7 +550,32 @@ def test_joints_that_agree_on_no_value_have_no_cause_in_common(monkeypatch):
         if claims[1] is own:
             assert whole(judge) == [] and judge.case == "measured"
         else:
+            for body in (True, False):
+                monkeypatch.setattr(agreed, "carried", lambda *_, body=body: body)
+                if body:
+                    assert whole(judge) == [] and judge.case == "measured"
             with pytest.raises(Taken):
                 whole(judge)
             assert judge.case == "followed"  # the loads that the causes were found on
             assert judge.joints is followed.joints
+
+
+@pytest.mark.parametrize(("gain", "better"), [(300.0, True), (240.0, False)])
+def test_what_most_joints_carry_is_compared_with_causes_of_the_robot(
+    monkeypatch, gain, better
+):
+    payload = Claim(option("payload", 0.0).hypothesis, np.zeros(1), (4,), {}, gain, 4)
+    payload = payload._replace(fits=dict.fromkeys(range(5), fit("")))
+    asked = []
+    judge, looked = object.__new__(Judge), object.__new__(Judge)
+    judge.joints, judge.known = ["before"] * 6, [fit("")] * 6
+    judge.case = SimpleNamespace(bearers=lambda body: list(range(body + 1)))
+    judge.borne = lambda bodies: asked.extend(bodies) or [payload]
+    looked.joints = ["after"] * 6
+    nats = {"before": -10.0, "after": 50.0}
+    monkeypatch.setattr(agreed.fits, "evidence", lambda joint, fit: nats[joint])
+    monkeypatch.setattr(agreed, "price", lambda claim, count: 10.0)
+    claims = [Claim(payload.hypothesis, np.zeros(1), tuple(range(6)), {}, 0.0)] * 3
+    found = agreed.carried(judge, looked, claims, [fit("")] * 6)
+    assert found is better  # five joints gain 60 each, three values cost 10 each
+    assert asked == [2, 3, 4, 5]  # that half of the joints carry

@@ -101,6 +101,28 @@ def test_what_explains_most_on_loads_of_its_own_takes_the_place(named):
     assert named(Told(told), Told(told, far)) == ["gain", "elastic"]
 
 
+def test_what_costs_less_takes_the_place_of_what_explains_as_much(named):
+    many = claim("gain")._replace(own=np.zeros(4))
+    causes = [weighing.Cause(c, 0.9, [], []) for c in (many, claim("elastic"))]
+    told = {"": 0.0, "elastic+friction": -1.0}
+    fresh = Told(told, [claim("friction")])
+    chosen, (kept, found) = exchange.exchanged(Told(told), causes, fresh)
+    assert chosen.names == ["elastic", "friction"]
+    assert kept.claim.hypothesis.cause == "elastic"
+    assert found.claim.hypothesis.cause == "friction"
+    assert found.probability > 0.9
+
+
+def test_aliases_are_as_likely_as_all_of_them_together(named):
+    names = "command_delay", "elastic"
+    causes = [weighing.Cause(claim(n), 0.9, [], []) for n in names]
+    told = {"": 0.0, "elastic+measurement_delay": 1.0, "elastic+gain": -30.0}
+    near = [claim("measurement_delay", 102.0), claim("gain", 101.0)]
+    (first, _) = exchange.exchanged(Told(told), causes, Told(told, near))[1]
+    assert first.equivalent == ["measurement_delay"]
+    assert first.probability == pytest.approx(0.9)
+
+
 def test_the_first_cause_is_as_likely_as_it_is_beside_the_second(named):
     causes = [weighing.Cause(claim(n), 0.9, [], []) for n in ("gain", "elastic")]
     near = [claim("gain", 100.0), claim("tilt", 99.0)]

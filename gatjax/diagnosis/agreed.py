@@ -79,6 +79,30 @@ def common(judge: Judge, claims: list[Claim]) -> bool:
     return bool(near.mean() >= MOSTLY)
 
 
+def carried(judge: Judge, looked: Judge, claims: list[Claim], known: list[Fit]) -> bool:
+    """Whether a changed body explains its bearers better than causes of a whole robot.
+
+    Where most joints carry a link, a payload there makes all of them slow and soft.
+
+    Args:
+        judge: what is known without the causes.
+        looked: has joints on the loads along the motion that the causes make.
+        claims: all values of the causes.
+        known: fits of all joints with them.
+    """
+    count = len(judge.joints)
+    ends = [k for k in range(count) if len(judge.case.bearers(k)) >= SHARE * count]
+    cost = sum(price(claim, count) for claim in claims)
+
+    def gained(joint: int) -> float:
+        before = fits.evidence(judge.joints[joint], judge.known[joint])
+        return fits.evidence(looked.joints[joint], known[joint]) - before
+
+    return any(
+        body.gain > sum(map(gained, body.fits)) - cost for body in judge.borne(ends)
+    )
+
+
 def _size(judge: Judge, claim: Claim) -> float:
     """Size of a cause at the first of its joints, in the catalogue's unit."""
     hypothesis, entry = claim.hypothesis, cause(claim.hypothesis.cause)

@@ -8,7 +8,7 @@ import numpy as np
 
 from gatjax.diagnosis import pairs
 from gatjax.diagnosis.aliases import alias
-from gatjax.diagnosis.claims import LATER, Claim
+from gatjax.diagnosis.claims import LATER, Claim, price
 from gatjax.diagnosis.findings import adequate, whole, worth_naming
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.weighing import (
@@ -104,23 +104,25 @@ def _settled(tried: list[tuple[Judge, Cause]]) -> tuple[Judge, Cause]:
 
     The first one stays if no other is clearly better: what is as good is named with it.
     """
-    gains = np.array([_more(tried[0][0], judge) for judge, _ in tried])
-    best = int(np.argmax(gains)) if gains.max() > CLOSE else 0
+    (first, _), count = tried[0], len(tried[0][0].joints)
+    gains = np.array(
+        [_more(first, judge) - price(cause.claim, count) for judge, cause in tried]
+    )
+    best = int(np.argmax(gains)) if gains.max() - gains[0] > CLOSE else 0
     judge, cause = tried[best]
     if np.isinf(gains[best]):
         return judge, cause
-    shares = np.exp(TEMPER * (gains - gains[best]))
-    mine = alias(cause.claim.hypothesis, len(judge.joints))
+    names = [each.claim.hypothesis.cause for _, each in tried]
+    mine = alias(cause.claim.hypothesis, count)
+    shares = np.exp(TEMPER * (gains - gains.max()))
+    own = sum(share for share, name in zip(shares, names, strict=True) if name in mine)
     near = {
-        each.claim.hypothesis.cause
-        for gain, (_, each) in zip(gains, tried, strict=True)
+        name for gain, name in zip(gains, names, strict=True)
         if gain > gains[best] - CLOSE
-    }
-    likely = min(cause.probability, float(1.0 / shares.sum()))
-    also = sorted(
-        (mine & set(cause.equivalent) | near) - {cause.claim.hypothesis.cause}
-    )
-    return judge, cause._replace(probability=likely, equivalent=also)
+    }  # fmt: skip
+    also = (mine & set(cause.equivalent) | near) - {names[best]}
+    likely = min(cause.probability, float(own / shares.sum()))
+    return judge, cause._replace(probability=likely, equivalent=sorted(also))
 
 
 def _more(judge: Judge, other: Judge) -> float:

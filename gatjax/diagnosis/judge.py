@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -266,10 +267,13 @@ class Judge(Known):
             if c.hypothesis.cause in BODY
             and c.gain > max(WORTH, RIVAL * best[c.where[0]])
         }  # fmt: skip
-        moved = {b for index in hot for b in self.case.moved_by(index)}
-        bodies = filter(self.spare, sorted(moved))
+        return self.borne({b for index in hot for b in self.case.moved_by(index)})
+
+    def borne(self, bodies: Collection[int]) -> list[Claim]:
+        """Claims about the best of some bodies, of joints that they belong to."""
         hypotheses = [h for h in CAUSES if h.cause in BODY]
-        tried = [self._borne(body, hypotheses) for body in bodies]
+        spare = filter(self.spare, sorted(bodies))
+        tried = [self._borne(body, hypotheses) for body in spare]
         tried.sort(key=lambda row: -row[0])
         return [claim for _, make in tried[:BODIES] for claim in make()]
 

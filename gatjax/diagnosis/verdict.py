@@ -105,12 +105,14 @@ def decide(judge: Judge) -> Verdict:
 def _everywhere(judge: Judge) -> list[Cause]:
     """The causes of a whole robot that is wrong in several ways, taken for known.
 
-    None where joints agree on no value, not even nearly: a body that is heavier than
-    the model's, say, is something else at each joint.
+    None where joints agree on no value, not even nearly, or where what one of them
+    carries explains more.
     """
     looked = judge.fork()  # on loads along the motion that causes make
     found, known = agreed.valued(looked, everywhere.causes(looked))
     if not any(agreed.common(looked, each.claims) for each in found):
+        return []
+    if agreed.carried(judge, looked, [c for each in found for c in each.claims], known):
         return []
     judge.case, judge.joints = looked.case, looked.joints
     judge.take([claim for each in found for claim in each.claims], known)
