@@ -13,7 +13,7 @@ from gatjax.diagnosis.findings import LEAST_SHARE, explained, whole, worth_namin
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.known import changed
 
-TRIED = 4  # causes that are taken for the first of two
+TRIED = 8  # causes that are taken for the first of two
 JUDGED = 2  # of them that are looked into
 MARGIN = 10.0  # nats by which two causes beat an unnamed law
 
