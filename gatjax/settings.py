@@ -63,7 +63,9 @@ class LoopSettings:
     evaluations: int = 5
     """Runs on the robot for each candidate walk."""
     candidates: tuple[str, ...] = ("best", "mean")
-    """Which policies of a generation walk on the robot: best, mean, or both."""
+    """Which policies of a generation walk on the robot: best, mean (of what the search
+    draws from), rechecked (the one of the five best and the mean that costs least in
+    20 more rollouts: the best of few is a lucky one, and may fall)."""
     search: tyro.conf.OmitArgPrefixes[SearchSettings] = field(
         default_factory=SearchSettings
     )

@@ -217,6 +217,25 @@ def test_wrong_settings_are_refused_before_any_work(change, message):
         loop.resolved(LoopSettings(**change))
 
 
+def test_policies_that_are_best_in_more_rollouts_walk_on_the_robot(robot, tmp_path):
+    kinds = "best", "rechecked"
+    settings = dataclasses.replace(SETTINGS, methods=("none",), candidates=kinds)
+    folder = runs.open_run(tmp_path, settings, "run").path
+    loop.run(folder, settings, robot, quiet())
+    rows = [r for r in without_seconds(folder / "metrics.csv") if r["method"] == "none"]
+    found = {(row["generation"], row["candidate"]) for row in rows}
+    assert found >= {(number, kind) for number in range(2) for kind in kinds}
+    before = without_seconds(folder / "evaluations.csv")
+    for path in folder.glob("policies/none_0_1_*"):
+        path.unlink()
+    shutil.rmtree(folder / "checkpoints" / "none_0" / "1")
+    loop.run(folder, settings, robot, quiet())
+    assert without_seconds(folder / "evaluations.csv") == before
+    for kind in kinds:
+        assert (folder / "policies" / f"none_0_1_{kind}.json").is_file()
+    assert "in more rollouts" in build_report(folder).read_text()
+
+
 def test_an_oracle_searches_on_the_robot_itself(robot, tmp_path):
     asked = []
 

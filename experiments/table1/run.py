@@ -53,6 +53,12 @@ def asked() -> argparse.Namespace:
         default=[*METHODS, EXPLAINED],
         help="of gatjax run, explained (GAT after diagnosis), oracle",
     )
+    parser.add_argument(
+        "--candidates",
+        nargs="+",
+        default=["best"],
+        help="of each generation: best (as in the paper), mean, rechecked",
+    )
     parser.add_argument("--backend", default="auto", help="native, mjx or auto")
     parser.add_argument("--impl", default="auto", help="of mjx: jax, warp or auto")
     return parser.parse_args()
@@ -82,9 +88,13 @@ def main() -> None:
     """Run trial after trial and write the table after each of them."""
     told = asked()
     use_compile_cache()
-    settings = with_methods(SIZES[told.size], told.methods)
     settings = resolved(
-        dataclasses.replace(settings, backend=told.backend, impl=told.impl)
+        dataclasses.replace(
+            with_methods(SIZES[told.size], told.methods),
+            candidates=tuple(told.candidates),
+            backend=told.backend,
+            impl=told.impl,
+        )
     )
     # On mjx trials are worlds of one compiled call, so all of a robot go together.
     rounds = [told.trials] if settings.backend == "mjx" else [[t] for t in told.trials]

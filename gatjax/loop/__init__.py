@@ -1,5 +1,6 @@
 """Grounded simulation learning from logs to a walk, for any robot."""
 
+from gatjax.loop.candidates import Candidate, Job
 from gatjax.loop.evaluate import evaluate
 from gatjax.loop.ground import (
     ground,
@@ -9,7 +10,7 @@ from gatjax.loop.ground import (
     stable,
     write_grounded,
 )
-from gatjax.loop.optimise import Candidate, Job, optimise
+from gatjax.loop.optimise import optimise
 from gatjax.loop.robots import Simulator
 from gatjax.loop.setting import Robot, Setting, resolved, total_work
 from gatjax.loop.stages import run, run_all

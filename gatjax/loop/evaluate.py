@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from gatjax import runs
-from gatjax.loop.optimise import Candidate, measured
+from gatjax.loop.candidates import Candidate, measured
 from gatjax.loop.setting import CONFIRMATIONS, ROBOT_UNIT, Setting
 from gatjax.records import Array
 from gatjax.settings import CONFIRMATION, EVALUATION, seeds

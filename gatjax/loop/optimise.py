@@ -1,16 +1,21 @@
-"""The search stage: CMA-ES in one world, a checkpoint and two policies a generation."""
+"""The search stage: CMA-ES in one world, a checkpoint and candidates a generation."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
-from gatjax import checkpoints, runs, search
+from gatjax import checkpoints, search
+from gatjax.loop.candidates import (
+    Candidate,
+    Job,
+    read_candidates,
+    verify,
+    write_candidates,
+)
 from gatjax.loop.setting import SIMULATOR_UNIT
 from gatjax.loop.steps import (
     Share,
@@ -21,56 +26,9 @@ from gatjax.loop.steps import (
     together,
     unshared,
 )
-from gatjax.ranking import policy_costs
-from gatjax.records import Array
 from gatjax.runs import Progress
 from gatjax.settings import LoopSettings
-from gatjax.sim.backend import pairs, prepare
-from gatjax.sim.world import World
-from gatjax.walk.parameters import HIGH, LOW, STEP, THETA0
-
-
-class Candidate(NamedTuple):
-    """A walk to be tried on the robot."""
-
-    method: str
-    iteration: int
-    generation: int
-    kind: str  # best or mean
-    policy: Array  # [15]
-
-    @property
-    def key(self) -> dict[str, Any]:
-        """Key columns of the tables."""
-        return {
-            "method": self.method,
-            "iteration": self.iteration,
-            "generation": self.generation,
-            "candidate": self.kind,
-        }
-
-    @property
-    def name(self) -> str:
-        """Name of its policy file."""
-        facts = (self.method, self.iteration, self.generation, self.kind)
-        return "_".join(map(str, facts))
-
-
-class Job(NamedTuple):
-    """One search: where it writes, in which world, from which policy."""
-
-    folder: Path
-    method: str
-    iteration: int
-    world: World
-    theta: Array  # [15]
-    key: Array
-    check_key: Array  # for measuring the candidates afresh in this world
-
-    @property
-    def checkpoints(self) -> Path:
-        """Folder of its checkpoints."""
-        return self.folder / "checkpoints" / f"{self.method}_{self.iteration}"
+from gatjax.walk.parameters import HIGH, LOW, STEP
 
 
 def optimise(
@@ -170,76 +128,3 @@ def begun(
     if done is not None:
         state = checkpoints.restore(job.checkpoints, state, done)
     return state, first, read_candidates(job, first, settings.candidates)
-
-
-def write_candidates(
-    job: Job,
-    number: int,
-    info: search.GenerationInfo,
-    kinds: Sequence[str],
-    seconds: float,
-) -> list[Candidate]:
-    """Write the candidates of one generation."""
-    found = {"best": info.best_policy, "mean": info.mean_policy}
-    candidates = [
-        Candidate(job.method, job.iteration, number, kind, found[kind])
-        for kind in kinds
-    ]
-    for candidate in candidates:
-        runs.write_policy(
-            job.folder / "policies", candidate.name, candidate.policy, candidate.key
-        )
-    facts = {"sigma": float(info.sigma), "seconds": seconds}
-    rows = [candidate.key | facts for candidate in candidates]
-    for row in rows:
-        if row["candidate"] == "best":
-            row["simulator_cost"] = float(info.best_cost)
-    runs.add_rows(job.folder / "metrics.csv", rows)
-    return candidates
-
-
-def read_candidates(
-    job: Job, generations: int, kinds: Sequence[str]
-) -> list[Candidate]:
-    """Read the candidates of generations that are done already."""
-    candidates = []
-    for number in range(generations):
-        for kind in kinds:
-            empty = Candidate(job.method, job.iteration, number, kind, THETA0)
-            path = job.folder / "policies" / f"{empty.name}.json"
-            candidates.append(empty._replace(policy=runs.read_policy(path)))
-    return candidates
-
-
-def measured(folder: Path, column: str) -> dict[tuple, dict[str, Any]]:
-    """Rows of metrics.csv by key, where a column is filled in."""
-    path = folder / "metrics.csv"
-    names = ("method", "iteration", "generation", "candidate")
-    return {
-        tuple(row[name] for name in names): row
-        for row in (runs.read_table(path) if path.exists() else [])
-        if row[column] is not None
-    }
-
-
-def verify(job: Job, candidates: list[Candidate], rollouts: int) -> None:
-    """Measure every candidate in the world it was found in, with fresh keys; once."""
-    path = job.folder / "metrics.csv"
-    known = measured(job.folder, "simulator_falls")
-    candidates = [c for c in candidates if tuple(c.key.values()) not in known]
-    if not candidates:
-        return
-    keys = jax.random.split(job.check_key, rollouts)
-    policies = np.stack([candidate.policy for candidate in candidates])
-    backend = prepare(job.world, "native")
-    result = pairs(backend.outcome, job.world.values, policies, keys)
-    rows = [
-        candidate.key
-        | {
-            "simulator_cost": float(policy_costs(result.cost[[index]])[0]),
-            "simulator_velocity_m_s": float(result.velocity[index].mean()),
-            "simulator_falls": int(np.isfinite(result.fell_at[index]).sum()),
-        }
-        for index, candidate in enumerate(candidates)
-    ]
-    runs.add_rows(path, rows)

@@ -12,7 +12,8 @@ import jax
 import numpy as np
 
 from gatjax import search
-from gatjax.loop.optimise import Candidate, Job, generations
+from gatjax.loop.candidates import Candidate, Job
+from gatjax.loop.optimise import generations
 from gatjax.loop.setting import ORACLE, ROBOT_UNIT, Setting
 from gatjax.loop.steps import Steps, apart
 from gatjax.records import Array

@@ -11,6 +11,7 @@ import jax
 import numpy as np
 
 from gatjax.grounding.learn import METHODS, check_needs
+from gatjax.loop.candidates import AGAIN, FIRST, KINDS
 from gatjax.records import Array, Outcome, Trajectory
 from gatjax.runs import Progress
 from gatjax.search import checked
@@ -21,7 +22,6 @@ from gatjax.sim.world import World
 from gatjax.task import Task, task_at
 
 MODELS = ("light", "full")  # that a search may run on
-KINDS = ("best", "mean")  # of candidates
 ORACLE = "oracle"  # the search on the robot itself, among the methods
 CONFIRMATIONS = 10  # walks on the robot that the winner of a method is judged by
 SIMULATOR_UNIT, ROBOT_UNIT = 1.0, 12.0  # relative cost of one run, for the time left
@@ -74,7 +74,8 @@ class Entry(NamedTuple):
 def total_work(settings: LoopSettings) -> float:
     """Work units of a whole run, for the time left."""
     one = settings.search
-    searched = one.walks * one.generations
+    walks = one.walks + (FIRST + 1) * AGAIN * ("rechecked" in settings.candidates)
+    searched = walks * one.generations
     evaluated = len(settings.candidates) * one.generations * settings.evaluations
     methods, rounds = len(settings.methods) + settings.explain, settings.iterations
     ceiling = ORACLE in settings.methods
@@ -107,6 +108,11 @@ def resolved(settings: LoopSettings) -> LoopSettings:
                 )
         if len(set(given)) != len(given):
             raise ValueError(f"{name} {given} name one twice; name each once")
+    if ORACLE in settings.methods and "rechecked" in settings.candidates:
+        raise ValueError(
+            "oracle searches on the robot itself: no simulation to recheck in; "
+            "give --candidates best, mean or both"
+        )
     for method in settings.methods:
         if method != ORACLE:
             check_needs(method)

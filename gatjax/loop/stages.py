@@ -14,11 +14,12 @@ from pathlib import Path
 from gatjax import runs
 from gatjax.data.recording import Recording
 from gatjax.grounding.learn import grounded
+from gatjax.loop.candidates import Candidate, Job
 from gatjax.loop.collect import collect
 from gatjax.loop.evaluate import confirm, evaluate, show, winner
 from gatjax.loop.explain import explained
 from gatjax.loop.ground import ground
-from gatjax.loop.optimise import Candidate, Job, optimise_all
+from gatjax.loop.optimise import optimise_all
 from gatjax.loop.oracle import oracle
 from gatjax.loop.robots import Simulator
 from gatjax.loop.setting import ORACLE, Entry, Robot, Setting

@@ -25,20 +25,19 @@ def _picture(title: str, svg: str) -> str:
 
 
 def robot_pictures(summary: Summary) -> str:
-    """Velocity and falls on the robot per generation, best and mean candidates."""
+    """Velocity and falls on the robot by generation, for each kind of candidate."""
     every = [each for method in summary.methods for each in method.candidates]
     if not every:
         return section(
             "On the robot, generation by generation",
             "<p>No learned walk has been evaluated on the robot.</p>",
         )
-    kinds = [
-        kind for kind in ("best", "mean") if any(c.candidate == kind for c in every)
-    ]
     titles = {
         "best": "best candidate of each generation",
         "mean": "mean of the search distribution",
+        "rechecked": "the best of each generation in more rollouts",
     }
+    kinds = [kind for kind in titles if any(c.candidate == kind for c in every)]
     pictures = [
         _picture(f"{what}, {titles[kind]}", paint(summary, kind))
         for what, paint in (

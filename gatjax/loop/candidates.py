@@ -1,0 +1,153 @@
+"""What a search writes: two policies a generation, measured afresh in its world."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from gatjax import runs, search
+from gatjax.ranking import policy_costs
+from gatjax.records import Array
+from gatjax.sim.backend import pairs, prepare
+from gatjax.sim.world import World
+from gatjax.walk.parameters import THETA0
+
+KINDS = ("best", "mean", "rechecked")
+FIRST, AGAIN = 5, 20  # policies of a generation that are rechecked, rollouts of each
+
+
+class Candidate(NamedTuple):
+    """A walk to be tried on the robot."""
+
+    method: str
+    iteration: int
+    generation: int
+    kind: str  # one of KINDS, or chosen: the winner
+    policy: Array  # [15]
+
+    @property
+    def key(self) -> dict[str, Any]:
+        """Key columns of the tables."""
+        return {
+            "method": self.method,
+            "iteration": self.iteration,
+            "generation": self.generation,
+            "candidate": self.kind,
+        }
+
+    @property
+    def name(self) -> str:
+        """Name of its policy file."""
+        facts = (self.method, self.iteration, self.generation, self.kind)
+        return "_".join(map(str, facts))
+
+
+class Job(NamedTuple):
+    """One search: where it writes, in which world, from which policy."""
+
+    folder: Path
+    method: str
+    iteration: int
+    world: World
+    theta: Array  # [15]
+    key: Array
+    check_key: Array  # for measuring the candidates afresh in this world
+
+    @property
+    def checkpoints(self) -> Path:
+        """Folder of its checkpoints."""
+        return self.folder / "checkpoints" / f"{self.method}_{self.iteration}"
+
+
+def write_candidates(
+    job: Job,
+    number: int,
+    info: search.GenerationInfo,
+    kinds: Sequence[str],
+    seconds: float,
+) -> list[Candidate]:
+    """Write the candidates of one generation."""
+    found = {"best": info.best_policy, "mean": info.mean_policy}
+    if "rechecked" in kinds:
+        found["rechecked"] = rechecked(job, number, info)
+    candidates = [
+        Candidate(job.method, job.iteration, number, kind, found[kind])
+        for kind in kinds
+    ]
+    for candidate in candidates:
+        runs.write_policy(
+            job.folder / "policies", candidate.name, candidate.policy, candidate.key
+        )
+    facts = {"sigma": float(info.sigma), "seconds": seconds}
+    rows = [candidate.key | facts for candidate in candidates]
+    for row in rows:
+        if row["candidate"] == "best":
+            row["simulator_cost"] = float(info.best_cost)
+    runs.add_rows(job.folder / "metrics.csv", rows)
+    return candidates
+
+
+def rechecked(job: Job, number: int, info: search.GenerationInfo) -> Array:
+    """The policy [15] of a generation that costs least when it walks again.
+
+    The best one of a few rollouts is a lucky one, and what falls in one walk of ten is
+    seldom seen to. So the FIRST best and the mean walk AGAIN times more, in the whole
+    world that was searched, with random numbers that the search did not have.
+    """
+    order = np.argsort(info.costs, kind="stable")[:FIRST]
+    policies = np.concatenate([info.policies[order], info.mean_policy[None]])
+    keys = jax.random.split(jax.random.fold_in(job.check_key, number + 1), AGAIN)
+    backend = prepare(job.world, "native")
+    found = pairs(backend.outcome, job.world.values, policies, keys)
+    return policies[int(np.argmin(policy_costs(found.cost)))]
+
+
+def read_candidates(
+    job: Job, generations: int, kinds: Sequence[str]
+) -> list[Candidate]:
+    """Read the candidates of generations that are done already."""
+    candidates = []
+    for number in range(generations):
+        for kind in kinds:
+            empty = Candidate(job.method, job.iteration, number, kind, THETA0)
+            path = job.folder / "policies" / f"{empty.name}.json"
+            candidates.append(empty._replace(policy=runs.read_policy(path)))
+    return candidates
+
+
+def measured(folder: Path, column: str) -> dict[tuple, dict[str, Any]]:
+    """Rows of metrics.csv by key, where a column is filled in."""
+    path = folder / "metrics.csv"
+    names = ("method", "iteration", "generation", "candidate")
+    return {
+        tuple(row[name] for name in names): row
+        for row in (runs.read_table(path) if path.exists() else [])
+        if row[column] is not None
+    }
+
+
+def verify(job: Job, candidates: list[Candidate], rollouts: int) -> None:
+    """Measure every candidate in the world it was found in, with fresh keys; once."""
+    path = job.folder / "metrics.csv"
+    known = measured(job.folder, "simulator_falls")
+    candidates = [c for c in candidates if tuple(c.key.values()) not in known]
+    if not candidates:
+        return
+    keys = jax.random.split(job.check_key, rollouts)
+    policies = np.stack([candidate.policy for candidate in candidates])
+    backend = prepare(job.world, "native")
+    result = pairs(backend.outcome, job.world.values, policies, keys)
+    rows = [
+        candidate.key
+        | {
+            "simulator_cost": float(policy_costs(result.cost[[index]])[0]),
+            "simulator_velocity_m_s": float(result.velocity[index].mean()),
+            "simulator_falls": int(np.isfinite(result.fell_at[index]).sum()),
+        }
+        for index, candidate in enumerate(candidates)
+    ]
+    runs.add_rows(path, rows)
