@@ -113,6 +113,17 @@ def test_what_costs_less_takes_the_place_of_what_explains_as_much(named):
     assert found.probability > 0.9
 
 
+def test_what_other_joints_have_is_nothing_in_a_causes_place(named):
+    causes = [weighing.Cause(claim(n), 0.9, [], []) for n in ("gain", "elastic")]
+    told = {"": 0.0, "elastic+friction": 50.0}
+    far = claim("friction", 200.0)._replace(where=(1,), fits={1: FIT})
+    judge, fresh = Told(told), Told(told, [far, claim("gain")])
+    fresh.joints = judge.joints = [None, None]
+    chosen, found = exchange.exchanged(judge, causes, fresh)
+    assert chosen is judge
+    assert [cause.equivalent for cause in found] == [[], []]
+
+
 def test_aliases_are_as_likely_as_all_of_them_together(named):
     names = "command_delay", "elastic"
     causes = [weighing.Cause(claim(n), 0.9, [], []) for n in names]

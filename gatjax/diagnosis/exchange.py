@@ -78,7 +78,7 @@ def exchanged(
         return judge, causes
     kept = kept._replace(claim=fresh.accept(fresh.refitted(alone)))
     claims = further(fresh, [kept])
-    worth = [c for c in claims if worth_naming(fresh, c)]
+    worth = [c for c in claims if c.rivals(first) and worth_naming(fresh, c)]
     if not worth:
         goes = _more(judge, fresh) > -LATER
         return (fresh, [kept]) if goes else (judge, causes)
