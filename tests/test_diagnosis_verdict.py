@@ -78,19 +78,24 @@ def test_another_first_cause_takes_the_place_if_it_explains_more(named):
 
 
 def test_the_first_cause_stays_if_the_other_one_explains_no_more(named):
-    fresh = Told({"elastic+friction": 1.0}, [claim("friction")])
+    fresh = Told({"elastic+friction": -1.0}, [claim("friction")])
     assert named(Told({"": 0.0}), fresh) == ["gain", "elastic"]
 
 
 def test_what_explains_as_much_is_named_with_the_first_cause(named):
-    told = {"": 0.0, "elastic+friction": 2.0, "elastic+tilt": -20.0}
+    told = {"": 0.0, "elastic+friction": -2.0, "elastic+tilt": -20.0}
     near = [claim("tilt", 104.0), claim("friction", 103.0), claim("gain", 100.0)]
     causes = [weighing.Cause(claim(n), 0.9, [], ["lag"]) for n in ("gain", "elastic")]
     (first, second) = exchange.exchanged(Told(told), causes, Told(told, near))[1]
     assert second == causes[1]
     assert first.equivalent == ["friction"]  # tilt is none, on loads that it makes
-    odds = np.exp(weighing.TEMPER * 2.0)
+    odds = np.exp(weighing.TEMPER * -2.0)
     assert first.probability == pytest.approx(1.0 / (1.0 + odds), rel=1e-3)
+    better = told | {"elastic+friction": 2.0}
+    (_, second) = exchange.exchanged(Told(better), causes, Told(better, near))[1]
+    assert second.claim.hypothesis.cause == "friction"
+    assert second.equivalent == ["gain"]
+    assert second.probability == pytest.approx(1.0 / (1.0 + odds), rel=1e-3)
 
 
 def test_what_explains_most_on_loads_of_its_own_takes_the_place(named):
@@ -113,6 +118,39 @@ def test_what_costs_less_takes_the_place_of_what_explains_as_much(named):
     assert found.probability > 0.9
 
 
+@pytest.mark.parametrize(("gain", "where", "told"), [
+    (99.0, (0,), False),  # another one explains as much of a joint that has a cause
+    (99.0, (1,), True),  # of a joint that has none: it is told with the other one
+    (101.0, (1,), False),  # what is no finding explains more there
+    (90.0, (0,), True),
+])  # fmt: skip
+def test_what_ties_is_told_where_nothing_was(gain, where, told):
+    at = {"where": where, "fits": dict.fromkeys(where, FIT)}
+    best, rival = claim("gain")._replace(**at), claim("tilt", gain)._replace(**at)
+    third = claim("payload", gain)._replace(**at)
+    claims = sorted([best, rival, third], key=lambda c: -c.gain)
+    causes = [weighing.Cause(claim("elastic"), 1.0, [], [])]
+    judge = Told({})
+    judge.joints = [None, None]
+    assert weighing.worth_telling(judge, best, claims, causes) is told
+
+
+def test_other_places_of_a_cause_are_no_rivals_to_telling_it():
+    every = dict.fromkeys((0, 1, 2), FIT)
+    some = dict.fromkeys((0, 1), FIT)
+    best = claim("gain")._replace(where=(0, 1, 2), fits=every)
+    others = [
+        claim(name, 99.5)._replace(where=(0, 1), fits=some) for name in ("gain", "gain")
+    ]
+    causes = [weighing.Cause(claim("elastic"), 1.0, [], [])]
+    judge = Told({})
+    judge.joints = [None] * 4
+    assert weighing.weighed(judge, best, [best, *others]).probability < 0.5
+    assert weighing.worth_telling(judge, best, [best, *others], causes)
+    others = [c._replace(hypothesis=claim("tilt").hypothesis) for c in others]
+    assert not weighing.worth_telling(judge, best, [best, *others], causes)
+
+
 def test_what_other_joints_have_is_nothing_in_a_causes_place(named):
     causes = [weighing.Cause(claim(n), 0.9, [], []) for n in ("gain", "elastic")]
     told = {"": 0.0, "elastic+friction": 50.0}
@@ -127,11 +165,15 @@ def test_what_other_joints_have_is_nothing_in_a_causes_place(named):
 def test_aliases_are_as_likely_as_all_of_them_together(named):
     names = "command_delay", "elastic"
     causes = [weighing.Cause(claim(n), 0.9, [], []) for n in names]
-    told = {"": 0.0, "elastic+measurement_delay": 1.0, "elastic+gain": -30.0}
-    near = [claim("measurement_delay", 102.0), claim("gain", 101.0)]
-    (first, _) = exchange.exchanged(Told(told), causes, Told(told, near))[1]
+    near = [claim("measurement_delay", 102.0), claim("command_delay", 101.0)]
+    (first, _) = exchange.exchanged(Told({}), causes, Told({}, near))[1]
+    assert first.claim.hypothesis.cause == "command_delay"
     assert first.equivalent == ["measurement_delay"]
-    assert first.probability == pytest.approx(0.9)
+    assert first.probability > 0.99
+    told = {"": 0.0, "elastic+viscous_friction": 4.0, "elastic+damping_error": 4.0}
+    near = [claim("viscous_friction", 102.0), claim("damping_error", 102.0)]
+    (_, second) = exchange.exchanged(Told(told), causes, Told(told, near))[1]
+    assert second.probability == pytest.approx(2.0 / (2.0 + np.exp(-2.0)))
 
 
 def test_the_first_cause_is_as_likely_as_it_is_beside_the_second(named):

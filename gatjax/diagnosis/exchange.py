@@ -13,6 +13,7 @@ from gatjax.diagnosis.findings import adequate, whole, worth_naming
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.weighing import (
     CLOSE,
+    LIKELY,
     MARGIN,
     TEMPER,
     Cause,
@@ -22,9 +23,8 @@ from gatjax.diagnosis.weighing import (
     weighed,
 )
 
-LIKELY = 0.5  # probability that a cause needs to be told at all; the first may tie
 LOCAL = 2  # joints at most of a cause that may give way to two others
-TRIED = 3  # causes that are tried in the place of another one
+TRIED = 4  # causes that are tried in the place of another one
 
 
 class Before(NamedTuple):
@@ -82,15 +82,15 @@ def exchanged(
     if not worth:
         goes = _more(judge, fresh) > -LATER
         return (fresh, [kept]) if goes else (judge, causes)
-    name, (best, *_) = frozenset({first.hypothesis.cause}), worth
+    mine, (best, *_) = alias(first.hypothesis, len(judge.joints)), worth
     if not whole(fresh, best):
         return judge, causes
-    if alike(best, first, name):
+    if alike(best, first, mine):
         found = told_again(fresh, first, claims) or other
         return judge, [found if cause is other else cause for cause in causes]
     near = [c for c in worth if best.gain - c.gain < MARGIN and whole(fresh, c)]
     tried = [(judge, other)]
-    for claim in [c for c in near if not alike(c, first, name)][:TRIED]:
+    for claim in [c for c in near if not alike(c, first, mine)][:TRIED]:
         trial, cause = fresh.fork(), weighed(fresh, claim, claims)
         tried.append((trial, cause._replace(claim=trial.accept(claim))))
     chosen, found = _settled(tried)
@@ -102,13 +102,13 @@ def exchanged(
 def _settled(tried: list[tuple[Judge, Cause]]) -> tuple[Judge, Cause]:
     """The cause that explains most on loads along its own motion, and its judge.
 
-    The first one stays if no other is clearly better: what is as good is named with it.
+    What is as good is named with it.
     """
     (first, _), count = tried[0], len(tried[0][0].joints)
     gains = np.array(
         [_more(first, judge) - price(cause.claim, count) for judge, cause in tried]
     )
-    best = int(np.argmax(gains)) if gains.max() - gains[0] > CLOSE else 0
+    best = int(np.argmax(gains))
     judge, cause = tried[best]
     if np.isinf(gains[best]):
         return judge, cause
@@ -121,7 +121,7 @@ def _settled(tried: list[tuple[Judge, Cause]]) -> tuple[Judge, Cause]:
         if gain > gains[best] - CLOSE
     }  # fmt: skip
     also = (mine & set(cause.equivalent) | near) - {names[best]}
-    likely = min(cause.probability, float(own / shares.sum()))
+    likely = float(own / shares.sum())
     return judge, cause._replace(probability=likely, equivalent=sorted(also))
 
 

@@ -8,11 +8,18 @@ from gatjax.diagnosis import agreed, everywhere, pairs
 from gatjax.diagnosis import case as cases
 from gatjax.diagnosis.aliases import alias
 from gatjax.diagnosis.claims import LATER, Claim
-from gatjax.diagnosis.exchange import LIKELY, Before, coupled, exchanged, instead
+from gatjax.diagnosis.exchange import Before, coupled, exchanged, instead
 from gatjax.diagnosis.findings import adequate, whole, worth_naming
 from gatjax.diagnosis.hypotheses import COUNT
 from gatjax.diagnosis.judge import Judge
-from gatjax.diagnosis.weighing import Cause, beaten, elsewhere, further, weighed
+from gatjax.diagnosis.weighing import (
+    LIKELY,
+    Cause,
+    elsewhere,
+    further,
+    weighed,
+    worth_telling,
+)
 
 CERTAIN = 0.8  # probability from which a cause is named
 MANY = 4  # joints of a cause that is sure though one of them is unexplained
@@ -76,7 +83,7 @@ def decide(judge: Judge) -> Verdict:
             judge, causes, before = trial, [*causes, *both], [*before, now, now]
         else:
             cause = weighed(judge, best, claims)
-            if cause.probability < LIKELY and (causes or beaten(judge, best, claims)):
+            if not worth_telling(judge, best, claims, causes):
                 break
             judge.most += any(elsewhere(best, c.claim) for c in causes)
             causes.append(cause._replace(claim=judge.accept(best)))

@@ -11,6 +11,7 @@ from gatjax.diagnosis.aliases import again, alias
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.judge import Judge
 
+LIKELY = 0.5  # probability that a cause needs to be told at all; the first may tie
 TEMPER = 0.5  # of the log evidence, so that probabilities are calibrated
 CLOSE = 3.0  # nats: two causes that the data cannot tell apart
 MARGIN = 10.0  # nats: an alias is told apart
@@ -37,13 +38,10 @@ def weighed(judge: Judge, best: Claim, claims: list[Claim]) -> Cause:
     count = len(judge.joints)
     mine = alias(best.hypothesis, count)
     rivals = [c for c in claims if c.rivals(best) and c is not best]
-    gains = np.array([best.gain, *(c.gain for c in rivals)])
-    weights = np.exp(TEMPER * (gains - gains.max()))
+    shares = _shares([best, *rivals])
     same = np.array([True, *(alike(c, best, mine) for c in rivals)])
-    probability = float(
-        weights[same].sum() / (weights.sum() + np.exp(-TEMPER * gains.max()))
-    )
-    shares = weights[1:] / weights.sum()
+    probability = float(shares[:-1][same].sum())
+    shares = shares[1:-1] / shares[:-1].sum()
     near = [c for c in rivals if c.place() == best.place()]
     close = {
         c.hypothesis.cause for c in near
@@ -54,6 +52,36 @@ def weighed(judge: Judge, best: Claim, claims: list[Claim]) -> Cause:
     }
     equivalent = sorted((close | mine - told) - {best.hypothesis.cause})
     return Cause(best, probability, list(zip(rivals, shares, strict=True)), equivalent)
+
+
+def worth_telling(
+    judge: Judge, best: Claim, claims: list[Claim], causes: list[Cause]
+) -> bool:
+    """Whether a claim is likely enough to be told, wherever it is.
+
+    The first one about its joints may tie with others: it is told with them. Another
+    place of the same cause is no rival to that.
+
+    Args:
+        judge: what is known.
+        best: the claim.
+        claims: all, best first.
+        causes: that are told already.
+    """
+    mine = alias(best.hypothesis, len(judge.joints))
+    rivals = [c for c in claims if c.rivals(best) and c is not best]
+    same = np.array([True, *(c.hypothesis.cause in mine for c in rivals)])
+    if _shares([best, *rivals])[:-1][same].sum() >= LIKELY:
+        return True
+    alone = not any(best.rivals(cause.claim) for cause in causes)
+    return alone and not _beaten(judge, best, claims)
+
+
+def _shares(claims: list[Claim]) -> np.ndarray:
+    """Probabilities of claims, of which one is right, and last that none is."""
+    gains = np.array([*(claim.gain for claim in claims), 0.0])
+    weights = np.exp(TEMPER * (gains - gains.max()))
+    return weights / weights.sum()
 
 
 def told_again(judge: Judge, told: Claim, claims: list[Claim]) -> Cause | None:
@@ -68,7 +96,7 @@ def told_again(judge: Judge, told: Claim, claims: list[Claim]) -> Cause | None:
     return found._replace(claim=told, equivalent=equivalent)
 
 
-def beaten(judge: Judge, best: Claim, claims: list[Claim]) -> bool:
+def _beaten(judge: Judge, best: Claim, claims: list[Claim]) -> bool:
     """Whether a catalogued rival that is no finding explains more; then neither is."""
     mine = alias(best.hypothesis, len(judge.joints))
     before = itertools.takewhile(lambda claim: claim is not best, claims)
