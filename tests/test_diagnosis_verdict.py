@@ -162,6 +162,28 @@ def test_what_other_joints_have_is_nothing_in_a_causes_place(named):
     assert [cause.equivalent for cause in found] == [[], []]
 
 
+def test_of_causes_that_free_a_drawn_joint_the_one_that_explains_most_is_told(named):
+    told = {"": 90.0, "elastic+tilt": -20.0, "elastic+friction": 50.0}
+    near = [claim("tilt", 104.0), claim("friction", 103.0)]
+    causes = [weighing.Cause(claim(n), 0.9, [], []) for n in ("gain", "elastic")]
+    judge, fresh = Told(told, pulled=[0]), Told(told, near)
+    (_, found) = exchange.exchanged(judge, causes, fresh)[1]
+    assert found.claim.hypothesis.cause == "friction"
+    assert found.probability > 0.99 and found.equivalent == []
+
+
+def test_what_is_not_worth_naming_makes_the_first_cause_no_less_likely(
+    named, monkeypatch
+):
+    monkeypatch.setattr(
+        exchange, "worth_naming", lambda judge, claim: claim.hypothesis.cause == "gain"
+    )
+    causes = [weighing.Cause(claim(n), 0.9, [], []) for n in ("gain", "elastic")]
+    near = [claim("tilt", 130.0), claim("gain", 100.0)]
+    (first, _) = exchange.exchanged(Told({}), causes, Told({}, near))[1]
+    assert first.probability > 0.99 and first.equivalent == []
+
+
 def test_aliases_are_as_likely_as_all_of_them_together(named):
     names = "command_delay", "elastic"
     causes = [weighing.Cause(claim(n), 0.9, [], []) for n in names]

@@ -2,7 +2,7 @@
 
     python experiments/table1/falls.py DIR/stiff_0 DIR/stiff_1    # run folders
 
-The best candidates of generations 2 to 5 of a method walk again on the stand-in robot,
+The candidates of generations 2 to 5 of a method walk again on the stand-in robot,
 as it is and with one of its hidden constants changed. Each change is a process of its
 own, since the robot's constants are fixed once it is built.
 """
@@ -52,8 +52,8 @@ def fallen(folders: list[Path], method: str, change: str) -> str:
     for name, value in CHANGES[change].items():
         object.__setattr__(E1, name, value)  # before anything is built of it
     files = [
-        folder / "policies" / f"{method}_0_{generation}_best.json"
-        for folder in folders for generation in range(2, 6)
+        file for folder in folders for generation in range(2, 6)
+        for file in sorted(folder.glob(f"policies/{method}_0_{generation}_*.json"))
     ]  # fmt: skip
     policies = np.repeat(np.stack([read_policy(file) for file in files]), WALKS, axis=0)
     seeds = [FIRST_SEED + number for number in range(WALKS)] * len(files)

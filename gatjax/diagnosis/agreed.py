@@ -92,15 +92,17 @@ def carried(judge: Judge, looked: Judge, claims: list[Claim], known: list[Fit]) 
     """
     count = len(judge.joints)
     ends = [k for k in range(count) if len(judge.case.bearers(k)) >= SHARE * count]
-    cost = sum(price(claim, count) for claim in claims)
 
     def gained(joint: int) -> float:
         before = fits.evidence(judge.joints[joint], judge.known[joint])
         return fits.evidence(looked.joints[joint], known[joint]) - before
 
-    return any(
-        body.gain > sum(map(gained, body.fits)) - cost for body in judge.borne(ends)
-    )
+    def worth(bearers: set[int]) -> float:
+        mine = [claim for claim in claims if bearers & set(claim.where)]
+        cost = sum(price(claim, count) for claim in mine)
+        return sum(map(gained, bearers)) - cost
+
+    return any(body.gain > worth(set(body.fits)) for body in judge.borne(ends))
 
 
 def _size(judge: Judge, claim: Claim) -> float:

@@ -24,7 +24,7 @@ from gatjax.diagnosis.weighing import (
 )
 
 LOCAL = 2  # joints at most of a cause that may give way to two others
-TRIED = 4  # causes that are tried in the place of another one
+TRIED = 4  # others at most that are tried in the place of a cause
 
 
 class Before(NamedTuple):
@@ -80,17 +80,19 @@ def exchanged(
     claims = further(fresh, [kept])
     worth = [c for c in claims if c.rivals(first) and worth_naming(fresh, c)]
     if not worth:
-        goes = _more(judge, fresh) > -LATER
+        goes = _loses_nothing(judge, fresh)
         return (fresh, [kept]) if goes else (judge, causes)
     mine, (best, *_) = alias(first.hypothesis, len(judge.joints)), worth
     if not whole(fresh, best):
         return judge, causes
     if alike(best, first, mine):
-        found = told_again(fresh, first, claims) or other
+        found = told_again(fresh, first, worth)
+        assert found is not None
         return judge, [found if cause is other else cause for cause in causes]
     near = [c for c in worth if best.gain - c.gain < MARGIN and whole(fresh, c)]
+    near = [c for c in near if len(c.own) and not alike(c, first, mine)]
     tried = [(judge, other)]
-    for claim in [c for c in near if not alike(c, first, mine)][:TRIED]:
+    for claim in near[:TRIED] if len(best.own) else [best]:  # losses are priced by gain
         trial, cause = fresh.fork(), weighed(fresh, claim, claims)
         tried.append((trial, cause._replace(claim=trial.accept(claim))))
     chosen, found = _settled(tried)
@@ -102,39 +104,38 @@ def exchanged(
 def _settled(tried: list[tuple[Judge, Cause]]) -> tuple[Judge, Cause]:
     """The cause that explains most on loads along its own motion, and its judge.
 
-    What is as good is named with it.
+    What is as good there is named with it. Joints that are drawn to their measured
+    motion look better than they are: only judges that draw fewest are compared, and
+    none that leaves other runs aside than the first one.
     """
-    (first, _), count = tried[0], len(tried[0][0].joints)
+    first, count = tried[0][0].case, len(tried[0][0].joints)
+    tried = [each for each in tried if each[0].case.aside == first.aside]
+    fewest = min(len(judge.case.pulled) for judge, _ in tried)
+    tried = [each for each in tried if len(each[0].case.pulled) == fewest]
     gains = np.array(
-        [_more(first, judge) - price(cause.claim, count) for judge, cause in tried]
+        [judge.evidence() - price(cause.claim, count) for judge, cause in tried]
     )
-    best = int(np.argmax(gains))
-    judge, cause = tried[best]
-    if np.isinf(gains[best]):
-        return judge, cause
-    names = [each.claim.hypothesis.cause for _, each in tried]
+    judge, cause = tried[int(np.argmax(gains))]
+    here = [
+        (gain, each.claim) for gain, (_, each) in zip(gains, tried, strict=True)
+        if each.claim.place() == cause.claim.place()
+    ]  # fmt: skip
     mine = alias(cause.claim.hypothesis, count)
-    shares = np.exp(TEMPER * (gains - gains.max()))
-    own = sum(share for share, name in zip(shares, names, strict=True) if name in mine)
-    near = {
-        name for gain, name in zip(gains, names, strict=True)
-        if gain > gains[best] - CLOSE
-    }  # fmt: skip
-    also = (mine & set(cause.equivalent) | near) - {names[best]}
-    likely = float(own / shares.sum())
-    return judge, cause._replace(probability=likely, equivalent=sorted(also))
+    own = [gain for gain, claim in here if claim.hypothesis.cause in mine]
+    near = {c.hypothesis.cause for gain, c in here if gain > gains.max() - CLOSE}
+    likely = np.exp(TEMPER * (np.array(own) - gains.max())).sum()
+    likely /= np.exp(TEMPER * (gains - gains.max())).sum()
+    also = (mine & set(cause.equivalent) | near) - {cause.claim.hypothesis.cause}
+    return judge, cause._replace(probability=float(likely), equivalent=sorted(also))
 
 
-def _more(judge: Judge, other: Judge) -> float:
-    """Nats by which another judge explains more.
-
-    One that draws fewer joints to their measured motion is better, whatever it says;
-    one that draws more, or leaves other runs aside, is worse.
-    """
+def _loses_nothing(judge: Judge, other: Judge) -> bool:
+    """Whether another judge explains as much as one does, or draws fewer joints."""
     if other.case.aside != judge.case.aside:
-        return -np.inf
+        return False
     freed = len(judge.case.pulled) - len(other.case.pulled)
-    return freed * np.inf if freed else other.evidence() - judge.evidence()
+    lost = judge.evidence() - other.evidence()
+    return freed > 0 or (freed == 0 and lost < LATER)
 
 
 def instead(

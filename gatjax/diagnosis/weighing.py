@@ -14,7 +14,7 @@ from gatjax.diagnosis.judge import Judge
 LIKELY = 0.5  # probability that a cause needs to be told at all; the first may tie
 TEMPER = 0.5  # of the log evidence, so that probabilities are calibrated
 CLOSE = 3.0  # nats: two causes that the data cannot tell apart
-MARGIN = 10.0  # nats: an alias is told apart
+MARGIN = 10.0  # nats: an alias is told apart, or a rival not looked at any more
 
 
 class Cause(NamedTuple):
@@ -60,7 +60,7 @@ def worth_telling(
     """Whether a claim is likely enough to be told, wherever it is.
 
     The first one about its joints may tie with others: it is told with them. Another
-    place of the same cause is no rival to that.
+    place of the same cause does not make it less likely.
 
     Args:
         judge: what is known.

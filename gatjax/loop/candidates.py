@@ -1,4 +1,4 @@
-"""What a search writes: two policies a generation, measured afresh in its world."""
+"""Which policies of a generation walk on the robot, and what they do in simulation."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from gatjax.walk.parameters import THETA0
 
 KINDS = ("best", "mean", "rechecked")
 FIRST, AGAIN = 5, 20  # policies of a generation that are rechecked, rollouts of each
+STREAM = 10**6  # random keys above all that `verify` splits the same one into
 
 
 class Candidate(NamedTuple):
@@ -91,6 +92,11 @@ def write_candidates(
     return candidates
 
 
+def rechecks(kinds: Sequence[str]) -> int:
+    """Rollouts of a generation besides those of its search."""
+    return (FIRST + 1) * AGAIN if "rechecked" in kinds else 0
+
+
 def rechecked(job: Job, number: int, info: search.GenerationInfo) -> Array:
     """The policy [15] of a generation that costs least when it walks again.
 
@@ -100,7 +106,7 @@ def rechecked(job: Job, number: int, info: search.GenerationInfo) -> Array:
     """
     order = np.argsort(info.costs, kind="stable")[:FIRST]
     policies = np.concatenate([info.policies[order], info.mean_policy[None]])
-    keys = jax.random.split(jax.random.fold_in(job.check_key, number + 1), AGAIN)
+    keys = jax.random.split(jax.random.fold_in(job.check_key, STREAM + number), AGAIN)
     backend = prepare(job.world, "native")
     found = pairs(backend.outcome, job.world.values, policies, keys)
     return policies[int(np.argmin(policy_costs(found.cost)))]

@@ -13,6 +13,7 @@ from gatjax.loop.candidates import (
     Candidate,
     Job,
     read_candidates,
+    rechecks,
     verify,
     write_candidates,
 )
@@ -94,7 +95,7 @@ def generations(
     """
     states, firsts, found = zip(*(begun(job, settings) for job in jobs), strict=True)
     states, total = list(states), settings.search.generations
-    work = unit * settings.search.walks
+    work = unit * (settings.search.walks + rechecks(settings.candidates))
     progress.work(work * sum(firsts))
     if min(firsts) >= total:
         return list(found)

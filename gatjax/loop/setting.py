@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from gatjax.grounding.learn import METHODS, check_needs
-from gatjax.loop.candidates import AGAIN, FIRST, KINDS
+from gatjax.loop.candidates import KINDS, rechecks
 from gatjax.records import Array, Outcome, Trajectory
 from gatjax.runs import Progress
 from gatjax.search import checked
@@ -74,8 +74,7 @@ class Entry(NamedTuple):
 def total_work(settings: LoopSettings) -> float:
     """Work units of a whole run, for the time left."""
     one = settings.search
-    walks = one.walks + (FIRST + 1) * AGAIN * ("rechecked" in settings.candidates)
-    searched = walks * one.generations
+    searched = (one.walks + rechecks(settings.candidates)) * one.generations
     evaluated = len(settings.candidates) * one.generations * settings.evaluations
     methods, rounds = len(settings.methods) + settings.explain, settings.iterations
     ceiling = ORACLE in settings.methods

@@ -153,7 +153,7 @@ def run_facts(run: Run) -> str:
 
 
 def seconds_of(run: Run) -> dict[str, float]:
-    """Seconds of search of each method; best and mean rows share a generation."""
+    """Seconds of search of each method; all kinds of candidates share a generation."""
     spent: dict[tuple[str, int, int], float] = {}
     for row in run.metrics:
         if math.isfinite(row.seconds) and row.candidate != CHOSEN:

@@ -58,7 +58,7 @@ class Axis:
 
 
 def velocity_picture(summary: Summary, kind: str) -> str:
-    """Velocity on the robot of the best or mean candidate per generation, cm/s."""
+    """Velocity on the robot of a kind of candidates by generation, cm/s."""
     strokes, axis = _candidates(summary, kind)
 
     def paint(axes: Axes) -> None:
@@ -124,7 +124,7 @@ def robot_costs(summary: Summary, rollouts: Sequence[Rollout]) -> Costs:
 
 
 def cost_picture(costs: Costs) -> str:
-    """Cost per generation: best candidates solid, means of the search dashed."""
+    """Cost per generation: best candidates solid, means dashed, others dotted."""
     axis = Axis([row for row, _ in costs])
     lines: dict[tuple[str, int, str], list[tuple[float, float]]] = {}
     for row, cost in costs:
@@ -136,7 +136,7 @@ def cost_picture(costs: Costs) -> str:
             axes.plot(
                 *zip(*sorted(points), strict=True),
                 color=colour_of(method),
-                linestyle="-" if kind == "best" else (0, (3, 2)),
+                linestyle={"best": "-", "mean": (0, (3, 2))}.get(kind, ":"),
                 marker=MARKERS.get(method, "o"),
                 markersize=5 if kind == "best" else 3.5,
                 linewidth=1.6,

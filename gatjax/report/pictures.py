@@ -79,8 +79,9 @@ def cost_pictures(run: Run, summary: Summary) -> str:
         "<p class=note>Cost is minus the forward velocity, and 1500 cm/s more for a "
         "fall; lower is better. Where falls count, the scale is straight up to 50 and "
         "logarithmic above. Solid: best candidate; dashed: mean of the search "
-        "distribution. A cost that keeps sinking in the simulator while it jumps up on "
-        "the robot is a search that exploits its simulator.</p>"
+        "distribution; dotted: the best in more rollouts. A cost that keeps sinking "
+        "in the simulator while it jumps up on the robot is a search that exploits its "
+        "simulator.</p>"
     )
     body = legend(ordered(names))
     body += f'<div class="pictures">{"".join(pictures)}</div>{note}'

@@ -60,7 +60,7 @@ class Candidate(NamedTuple):
     method: str
     iteration: int
     generation: int
-    candidate: str  # best, mean or chosen
+    candidate: str  # best, mean, rechecked or chosen
     upright: tuple[float, ...]  # cm/s of the walks that did not fall
     falls: int
     rollouts: int
