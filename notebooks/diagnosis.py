@@ -51,7 +51,7 @@ use_compile_cache()
 # %%
 folder = Path("hidden")
 write_cases(
-    folder, 1, 5, robots=("arm_servo",), mix={"single": 1.0}, causes=("backlash",)
+    folder, 1, 7, robots=("arm_servo",), mix={"single": 1.0}, causes=("backlash",)
 )
 case = next((folder / "cases").iterdir())
 source = str(folder / "models" / "arm_servo.xml")
