@@ -141,10 +141,10 @@ def test_fewer_falls_do_not_excuse_a_walk_slower_than_theta0():
 def test_nothing_to_compare_is_said():
     alone = verdict_of(theta0=THETA0, gat=GOOD)
     assert alone.kind == "no comparison"
-    assert "no grounding was not evaluated" in alone.sentence
+    assert "the method “no grounding” did not walk on the robot" in alone.sentence
     envelope = verdict_of(theta0=THETA0, none=GOOD, envelope=GOOD)
     assert envelope.kind == "no comparison"
-    assert "GAT was not evaluated" in envelope.sentence
+    assert "the method “GAT” did not walk on the robot" in envelope.sentence
     start = verdict_of(theta0=THETA0)
     assert start.kind == "no data" and "only theta0" in start.sentence
     blind = verdict_of(none=SLOW, gat=GOOD)

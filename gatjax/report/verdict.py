@@ -119,7 +119,7 @@ def grounding_clause(summary: Summary) -> tuple[Kind, str]:
         lacking = UNGROUNDED if grounded else summary.grounded
         return "no comparison", (
             "whether grounding helps cannot be said, because "
-            f"{label_of(lacking)} was not evaluated"
+            f"the method “{label_of(lacking)}” did not walk on the robot"
         )
     falls, fall_words = compare_falls(grounded, ungrounded)
     name = f"grounding ({grounded.label})"
