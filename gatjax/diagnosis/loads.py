@@ -18,6 +18,7 @@ import mujoco
 import numpy as np
 
 from gatjax.diagnosis.motion import Motion
+from gatjax.diagnosis.regressor import Swing, carried, inertials, shifts
 from gatjax.diagnosis.tolerances import Tolerances
 from gatjax.sim.episode import ties
 
@@ -25,7 +26,6 @@ DRAWS = 40  # perturbed bodies
 TERMS = 4  # load shapes that body tolerances may add
 COARSE = 8  # points of a motion between two at which changed bodies are weighed
 BODY_TERMS = ("mass", "com_x", "com_y", "com_z", "spin")
-SHIFT, SPIN = 1e-4, 1e-3  # m, kg m^2: sizes of changed bodies
 GRAVITY_TERMS = ("x", "y", "z")
 
 
@@ -67,20 +67,19 @@ class Tree:
             qpos[:, address] += np.polyval(ratio[::-1], turned)
         return qpos
 
-    def loads(self, model: mujoco.MjModel, motion: Motion, rows: np.ndarray) -> Load:
-        """Loads of all joints at some rows of a motion, for a variant of the model."""
-        data, moves = mujoco.MjData(model), self.moves
-        dense = np.zeros((len(rows), model.nv, model.nv))
-        bias = np.empty((len(rows), model.nv))
-        qpos = self.placed(motion.position[rows])
-        qvel = motion.velocity[rows] @ moves.T
-        for row in range(len(rows)):
+    def loads(self, motion: Motion) -> Load:
+        """Loads of all joints along a motion; slopes are left 0."""
+        model, moves = self.model, self.moves
+        data, count = mujoco.MjData(model), len(motion.time)
+        dense, bias = np.zeros((count, model.nv, model.nv)), np.empty((count, model.nv))
+        qpos, qvel = self.placed(motion.position), motion.velocity @ moves.T
+        for row in range(count):
             data.qpos[:], data.qvel[:] = qpos[row], qvel[row]
             mujoco.mj_fwdPosition(model, data)
             mujoco.mj_fwdVelocity(model, data)
             mujoco.mj_fullM(model, data, dense[row])
             bias[row] = data.qfrc_bias - data.qfrc_spring - data.qfrc_gravcomp
-        reduced, pushed = moves.T @ dense @ moves, motion.acceleration[rows]
+        reduced, pushed = moves.T @ dense @ moves, motion.acceleration
         inertia = np.diagonal(reduced, axis1=1, axis2=2).copy()
         rest = bias @ moves - inertia * pushed
         rest += (reduced @ pushed[..., None])[..., 0]
@@ -145,7 +144,7 @@ class Tree:
                 away = centres - pivots[:, model.dof_jntid[dof], None]
             pull = np.einsum("nji,j->ni", across, model.opt.gravity)
             weight = borne * model.body_mass
-            weight = weight * _carried(model, int(model.dof_bodyid[dof]))
+            weight = weight * carried(model, int(model.dof_bodyid[dof]))
             gravity[:, joint] += np.einsum("nij,nkj,k->ni", across, away, weight)
             for place, other in enumerate(self.body):
                 share = borne[other] * bool(weight[other])
@@ -165,7 +164,7 @@ class Tree:
                 if kind == mujoco.mjtJoint.mjJNT_SLIDE:
                     continue
                 body, last = (int(self.model.dof_bodyid[d]) for d in (before, dof))
-                if _carried(self.model, body)[last]:
+                if carried(self.model, body)[last]:
                     both = 1.0 if before == dof else 2.0
                     share = float(both * moves[before] * moves[dof])
                     found.append((joint, before, dof, share))
@@ -187,14 +186,6 @@ class Tree:
 def _crossing(vectors: np.ndarray) -> np.ndarray:
     """Matrices [N, 3, 3] that give the cross product of vectors [N, 3] with others."""
     return np.cross(vectors[:, None, :], np.eye(3)).swapaxes(1, 2)
-
-
-def _carried(model: mujoco.MjModel, body: int) -> np.ndarray:
-    """Whether each body [nbody] moves with one, or is it."""
-    found = np.zeros(model.nbody, bool)
-    for other in range(body, model.nbody):
-        found[other] = other == body or found[model.body_parentid[other]]
-    return found
 
 
 def perturbed(
@@ -242,69 +233,47 @@ class Loads(NamedTuple):
 
     nominal: Load
     pull: np.ndarray  # of gravity in the nominal rest [M, J], N m: turns with the link
-    draws: tuple[np.ndarray, np.ndarray]  # rest, inertia of perturbed bodies [m, J, D]
+    draws: np.ndarray  # rest and inertia of perturbed bodies [2, m, J, D]
     bodies: np.ndarray  # a Load per unit of a term of body b [3, m, J, b, BODY_TERMS]
     gravity: np.ndarray  # a Load per m/s^2 of gravity [3, m, J, GRAVITY_TERMS]
 
 
 def weigh(tree: Tree, motion: Motion, others: list[mujoco.MjModel]) -> Loads:
     """Loads along a motion, of the nominal bodies and of changed ones."""
-    nominal = tree.loads(tree.model, motion, np.arange(len(motion.time)))
+    nominal = tree.loads(motion)
     few = np.arange(0, len(motion.time), COARSE)
-    slope = tree.slopes(motion, few)
     slope, pull = (
         np.stack([np.interp(motion.time, motion.time[few], s) for s in series.T], -1)
-        for series in (slope, tree.pulls(motion, few))
+        for series in (tree.slopes(motion, few), tree.pulls(motion, few))
     )
-    nominal = nominal._replace(slope=slope)
-    rest, inertia = nominal.rest[few], nominal.inertia[few]
-    drawn = [tree.loads(other, motion, few) for other in others]
-    bodies = np.zeros((3, *rest.shape, rest.shape[1], len(BODY_TERMS)))
-    gravity = np.zeros((3, *rest.shape, len(GRAVITY_TERMS)))
+    changes = _changes(tree, motion, few, others)
+    return Loads(nominal._replace(slope=slope), pull, *changes)
+
+
+def _changes(
+    tree: Tree, motion: Motion, few: np.ndarray, others: list[mujoco.MjModel]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What other bodies, a term of each body, and gravity change: as in Loads."""
+    model, moves, pushed = tree.model, tree.moves, motion.acceleration[few]
+    speeds = (each[few] @ moves.T for each in (motion.velocity, motion.acceleration))
+    swing = Swing(model, tree.placed(motion.position[few]), *speeds)
+    nominal = inertials(model)
+    drawn = np.stack([inertials(other) - nominal for other in others], -1)
+    draws = np.zeros((2, *pushed.shape, len(others)))
+    bodies = np.zeros((3, *pushed.shape, len(tree.body), len(BODY_TERMS)))
+    gravity = np.zeros((3, *pushed.shape, len(GRAVITY_TERMS)))
+    for body in range(1, model.nbody):
+        inertia = swing.masses(body, moves)
+        rest = moves.T @ swing.forces(body)
+        load = np.stack([rest - inertia * pushed[..., None], inertia])
+        draws += load @ drawn[body]
+        for joint in np.flatnonzero(tree.body == body):
+            bodies[::2, :, :, joint] = load @ shifts(model, body, tree.axis[joint]).T
     bodies[1], gravity[1] = tree.turning(motion, few)
-    for joint in range(len(tree.body)):
-        for term, (other, size) in enumerate(changed(tree, joint)):
-            load = tree.loads(other, motion, few)
-            bodies[0, :, :, joint, term] = (load.rest - rest) / size
-            bodies[2, :, :, joint, term] = (load.inertia - inertia) / size
-    for term, change in enumerate(np.eye(len(GRAVITY_TERMS))):
-        turned = mujoco.MjModel.__copy__(tree.model)
-        turned.opt.gravity[:] += change
-        gravity[0, ..., term] = tree.loads(turned, motion, few).rest - rest
-    draws = (
-        np.stack([load.rest - rest for load in drawn], -1),
-        np.stack([load.inertia - inertia for load in drawn], -1),
-    )
-    return Loads(nominal, pull, draws, bodies, gravity)
-
-
-def changed(tree: Tree, joint: int) -> list[tuple[mujoco.MjModel, float]]:
-    """Models with one term of a joint's body each, and its size: see BODY_TERMS.
-
-    Spin is a moment of inertia about the joint's axis and nothing else.
-    """
-    model, body = tree.model, int(tree.body[joint])
-    size = 0.1 * float(model.body_subtreemass[body])
-    heavy = copied(model)
-    heavy.body_mass[body] += size
-    variants = [(heavy, size)]
-    for axis in range(3):
-        moved = copied(model)
-        moved.body_ipos[body, axis] += SHIFT
-        variants.append((moved, SHIFT))
-    return [*variants, (_spun(model, body, tree.axis[joint]), SPIN)]
-
-
-def _spun(model: mujoco.MjModel, body: int, axis: np.ndarray) -> mujoco.MjModel:
-    """A model whose body has SPIN more moment of inertia about an axis [3] of its."""
-    other = copied(model)
-    turn, principal, quaternion = np.zeros(9), np.zeros(3), np.zeros(4)
-    mujoco.mju_quat2Mat(turn, model.body_iquat[body])
-    old = turn.reshape(3, 3)
-    full = old * model.body_inertia[body] @ old.T + SPIN * np.outer(axis, axis)
-    mujoco.mju_eig3(principal, np.zeros(9), quaternion, full.ravel())
-    other.body_inertia[body], other.body_iquat[body] = principal, quaternion
-    return other
+    gravity[0] = moves.T @ swing.gravity()
+    tilts = np.stack([other.opt.gravity - model.opt.gravity for other in others], -1)
+    draws[0] += gravity[0] @ tilts
+    return draws, bodies, gravity
 
 
 def shapes(loads: list[Loads]) -> list[Load]:

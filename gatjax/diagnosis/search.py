@@ -22,6 +22,7 @@ SHAKEN, TRIES = 2, 96  # fits that are restarted, and from how many neighbours
 FEW = 20  # starts at most of a cause that tolerances may imitate
 ROUGH = 1.6  # times the noise: a fit that leaves more may be in a bad place
 ZOOMS, RUNGS = 3, 31  # rounds of zooming in, and points of each
+CLOSER = 0.1  # of what the best start explains, that one has to for a closer look
 CALM, SPARE = 1.35, 18.0  # times the noise; squared deviations of all tolerances
 
 
@@ -62,15 +63,19 @@ def scan(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
         options.append((owner, np.append(base.x, starts[int(np.argmin(plain))])))
         relieved = hypothesis.relieved(joint, base.x)
         options += [] if relieved is None else [(owner, relieved)]
-    found = _zoomed(joint, fits.start(joint, options))
+    found = _zoomed(joint, base, fits.start(joint, options))
     return [_lent(fit, base) for fit in found]
 
 
-def _zoomed(joint: Joint, found: list[Fit]) -> list[Fit]:
-    """Starts of laws with steps, each at the best point up to its neighbours."""
+def _zoomed(joint: Joint, base: Fit, found: list[Fit]) -> list[Fit]:
+    """Starts of laws with steps, each at the best point up to its neighbours.
+
+    Only where it explains something to begin with, beside the best of all.
+    """
+    worth = base.cost - CLOSER * max(base.cost - min(fit.cost for fit in found), 0.0)
     widths = {
         k: f.hypothesis.newest.rung for k, f in enumerate(found)
-        if f.hypothesis and f.hypothesis.newest.rung
+        if f.hypothesis and f.hypothesis.newest.rung and f.cost < worth
     }  # fmt: skip
     out = list(found)
     for _ in range(ZOOMS if widths else 0):

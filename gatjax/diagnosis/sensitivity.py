@@ -9,6 +9,7 @@ import numpy as np
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.aliases import UPSIDE_DOWN, alias
 from gatjax.diagnosis.bank import CAUSES, of_drive
+from gatjax.diagnosis.case import mapped
 from gatjax.diagnosis.claims import PLACE, PRICE
 from gatjax.diagnosis.findings import needed
 from gatjax.diagnosis.fit import Fit
@@ -56,17 +57,21 @@ def smallest(judge: Judge) -> list[dict[str, Any]]:
         h for h in CAUSES
         if (len(h.low) == 1 or h.cause not in plain) and h.variant != UPSIDE_DOWN
     )  # fmt: skip
-    best: dict[str, tuple[float, dict[str, Any]]] = {}
-    for index, joint in enumerate(judge.joints):
-        told = _told(judge, index)
+
+    def tried(index: int) -> list[tuple[Ladder, np.ndarray]]:
+        joint, told = judge.joints[index], _told(judge, index)
         ladders = [
             ladder
             for h in of_drive(joint, bank)
             if h.cause not in told
             for ladder in _ladders(joint, h)
         ]
-        margins = _margins(judge, index, ladders)
-        for ladder, margin in zip(ladders, margins, strict=True):
+        return list(zip(ladders, _margins(judge, index, ladders), strict=True))
+
+    best: dict[str, tuple[float, dict[str, Any]]] = {}
+    every = mapped(tried, range(len(judge.joints)))
+    for joint, rows in zip(judge.joints, every, strict=True):
+        for ladder, margin in rows:
             rung = _threshold(ladder.rungs, margin)
             if rung is None:
                 continue

@@ -215,4 +215,5 @@ def _loads(standing: Standing, run: int, trace: Trace, felt: np.ndarray) -> Load
     rest = np.concatenate(drawn, -1)
     bodies, gravity = weights.bodies(standing.tree, trace.moments)
     still = np.zeros_like(load.rest)  # what turns is not parted from the floor's push
-    return Loads(load, still, (rest, np.zeros_like(rest)), bodies, gravity)
+    draws = np.stack([rest, np.zeros_like(rest)])
+    return Loads(load, still, draws, bodies, gravity)

@@ -26,9 +26,9 @@ from gatjax.diagnosis.loads import (
     GRAVITY_TERMS,
     Load,
     Tree,
-    changed,
 )
 from gatjax.diagnosis.motion import FINE, LEAD, Motion, cells, spread
+from gatjax.diagnosis.regressor import Swing, shifts
 from gatjax.sim.limbs import put_down
 
 CREEP = 0.02  # rad/s: slower joints stick in the rows of a replay
@@ -129,54 +129,19 @@ def bodies(tree: Tree, moments: list[Moment]) -> tuple[np.ndarray, np.ndarray]:
     Returns:
         Of Loads, slopes left out: [3, m, J, b, BODY_TERMS], [3, m, J, GRAVITY_TERMS].
     """
-    model, joints = tree.model, tree.moves.shape[1]
-    variants = [
-        [_Variant(*pair) for pair in changed(tree, k)] for k in range(len(tree.body))
-    ]
-    turned = []
-    for change in np.eye(len(GRAVITY_TERMS)):
-        other = mujoco.MjModel.__copy__(model)
-        other.opt.gravity[:] += change
-        turned.append(_Variant(other, 1.0))
-    plain, dofs = _Variant(model, 1.0), _dofs(tree)
-    found = np.zeros((3, len(moments), joints, joints, len(BODY_TERMS)))
-    gravity = np.zeros((3, len(moments), joints, len(GRAVITY_TERMS)))
-    for k, moment in enumerate(moments):
-        force, mass = plain.taken(tree, moment)
-        for joint, terms in enumerate(variants):
-            for term, variant in enumerate(terms):
-                pull, heavy = variant.taken(tree, moment)
-                more = (heavy - mass) / variant.size
-                rest = moment.answer.share @ (pull - force) / variant.size
-                rest -= more * moment.acceleration[dofs]
-                found[::2, k, :, joint, term] = rest, more
-        for term, variant in enumerate(turned):
-            pull, _ = variant.taken(tree, moment)
-            gravity[0, k, :, term] = moment.answer.share @ (pull - force)
+    position, velocity, acceleration, answers = zip(*moments, strict=True)
+    swing = Swing(tree.model, *map(np.stack, (position, velocity, acceleration)))
+    share = np.stack([answer.share for answer in answers])
+    own = np.stack(acceleration)[:, _dofs(tree), None]
+    found = np.zeros((3, *own.shape[:2], len(tree.body), len(BODY_TERMS)))
+    for joint, body in enumerate(tree.body.tolist()):
+        terms = shifts(tree.model, body, tree.axis[joint]).T
+        inertia = swing.masses(body, tree.moves) @ terms
+        rest = share @ swing.forces(body) @ terms - inertia * own
+        found[::2, :, :, joint] = rest, inertia
+    gravity = np.zeros((3, *own.shape[:2], len(GRAVITY_TERMS)))
+    gravity[0] = share @ swing.gravity()
     return found, gravity
-
-
-class _Variant:
-    """A model that differs from the nominal one by `size` units of a term."""
-
-    def __init__(self, model: mujoco.MjModel, size: float) -> None:
-        self.model, self.size = model, size
-        self.data = mujoco.MjData(model)
-        self.dense = np.zeros((model.nv, model.nv))
-
-    def taken(self, tree: Tree, moment: Moment) -> tuple[np.ndarray, np.ndarray]:
-        """Force [nv] that the bodies take in a moment, and inertias M_jj [J]."""
-        model, data = self.model, self.data
-        data.qpos[:], data.qvel[:] = moment.position, moment.velocity
-        data.qacc[:] = moment.acceleration
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_comVel(model, data)
-        force = np.empty(model.nv)
-        mujoco.mj_rne(model, data, 1, force)
-        mujoco.mj_crb(model, data)
-        mujoco.mj_fullM(model, data, self.dense)
-        return force, (tree.moves * (self.dense @ tree.moves)).sum(0)
 
 
 def drawn(rows: Rows, trace: Trace, robots: list[Draw], tree: Tree) -> np.ndarray:
