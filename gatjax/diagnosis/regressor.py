@@ -3,8 +3,8 @@
 A body that turns at w and a (rad/s, rad/s^2), and whose frame accelerates by A beyond
 gravity, all along its own axes, takes the force m A + a x h + w x (w x h) and about its
 frame the torque h x A + I a + w x I w, with its mass m, first moment h = m c and
-inertia I about the frame (Atkeson, An & Hollerbach 1986, eq. 5 to 10). What it takes
-at a joint is that along the motion that a unit of the joint's speed gives it.
+inertia I about the frame (Atkeson, An & Hollerbach 1986, load identification). What
+it takes at a joint is that along the motion that a unit of the joint's speed gives it.
 """
 
 from __future__ import annotations
