@@ -8,7 +8,7 @@ from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis import search
 from gatjax.diagnosis.bank import CAUSES, of_drive
 from gatjax.diagnosis.fit import Fit
-from gatjax.diagnosis.hypotheses import Hypothesis
+from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, numbers
 from gatjax.diagnosis.joint import Joint
 
 
@@ -71,3 +71,20 @@ def test_what_is_sure_is_no_cause():
     sure = elbow._replace(allowed=elbow.allowed._replace(kp=0.0, limit=0.0))
     usual, left = ({h.cause for h in of_drive(one, CAUSES)} for one in (elbow, sure))
     assert usual - left == {"gain_error", "torque_limit", "torque_saturation"}
+
+
+@pytest.mark.parametrize(("cause", "size"), [
+    ("encoder_scale", -0.012), ("clock_drift", 0.0008),
+])  # fmt: skip
+def test_a_small_effect_of_a_linear_law_starts_where_it_is(cause: str, size: float):
+    """Starts of sizes of their own are so far off that they look worse than nothing."""
+    elbow = joint(wave)
+    laws = of_drive(elbow, CAUSES)
+    law = next(h for h in laws if h.cause == cause)
+    drive = numbers(elbow, law, np.append(np.zeros(COUNT), size))
+    noise = 7e-4 * np.random.default_rng(0).normal(size=elbow.measured.shape)
+    elbow = elbow._replace(measured=elbow.simulate([drive], False)[..., 0] + noise)
+    base = search.healthy(elbow)
+    best = min(search.scan(elbow, base, (law,)), key=lambda fit: fit.cost)
+    assert best.x[-1] == pytest.approx(size, rel=0.3)
+    assert best.cost < base.cost

@@ -98,7 +98,9 @@ def _tilt(variant: str = "") -> Hypothesis:
     plain = vector("gravity_tilt", first, ("roll", "pitch"), "angle", 0.1, 0.6)
     more = tuple((k * a, k * b) for k in (0.3, -0.3) for a, b in ((1, 0), (0, 1)))
     starts = ((0.0, 0.0),) if variant else plain.starts + more
-    return plain._replace(variant=variant, put=put, starts=starts, values=values)
+    return plain._replace(
+        variant=variant, put=put, starts=starts, values=values, linear=not variant
+    )
 
 
 FADED = 0.3  # of the top speed of a joint: there stiction has faded at the latest
@@ -201,6 +203,7 @@ def _spring() -> Hypothesis:
     return Hypothesis(
         "", "parallel spring", put, starts, (0.005, 0.005), (-0.5, -1.0), (2.0, 1.0),
         lambda joint, x: {"k": gain_of(joint) * x[0], "torque": limit_of(joint) * x[1]},
+        linear=True,
     )  # fmt: skip
 
 

@@ -171,7 +171,7 @@ def signed(
     return Hypothesis(
         cause, variant, put, starts, (0.02 * size,), (-high,), (high,),
         lambda joint, x: {parameter: number(joint, x)} | (values or {}),
-        **_of_zero(field),
+        linear=True, **_of_zero(field),
     )  # fmt: skip
 
 
@@ -197,7 +197,7 @@ def vector(
     starts = tuple(tuple(row) for k in (size, -size) for row in np.eye(count) * k)
     return Hypothesis(
         cause, "", put, starts, (0.05 * size,) * count, (-high,) * count,
-        (high,) * count, values, prior=((3.0 / high) ** 2,) * count,
+        (high,) * count, values, prior=((3.0 / high) ** 2,) * count, linear=True,
     )  # fmt: skip
 
 

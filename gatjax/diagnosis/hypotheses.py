@@ -42,6 +42,7 @@ class Hypothesis(NamedTuple):
     parts: tuple[Any, ...] = ()  # of a combination: the causes it is made of
     prior: tuple[float, ...] = ()  # information on the coordinates around 0
     rung: float = 0.0  # distance of starts, where slopes tell nothing: zoomed in on
+    linear: bool = False  # around 0, where it does nothing; starts lie along its axes
     guess: Callable[[Joint, np.ndarray], Starts] | None = None  # from the residual [n]
     imitator: str = ""  # tolerance that can stand for a little of the cause
     taken: Callable[[Joint, float], float] | None = None  # coordinate for all of it

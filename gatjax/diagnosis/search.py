@@ -61,6 +61,8 @@ def scan(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
         options += [(owner, np.append(x, own)) for _, x, own in tries[:STARTS]]
         plain = np.square(base.residual[:, None] + shifts).sum(0)
         options.append((owner, np.append(base.x, starts[int(np.argmin(plain))])))
+        if hypothesis.linear:
+            options.append((owner, _straight(joint, base, hypothesis, shifts)))
         relieved = hypothesis.relieved(joint, base.x)
         options += [] if relieved is None else [(owner, relieved)]
     found = _zoomed(joint, base, fits.start(joint, options))
@@ -136,6 +138,27 @@ def _solved(
         solved.append(np.append(amplitudes, starts[k, 2]))
         moved.append(shifts[:, k : k + 2] @ weights)
     return np.array(solved), np.stack(moved, -1)
+
+
+def _straight(
+    joint: Joint, base: Fit, hypothesis: Hypothesis, shifts: np.ndarray
+) -> np.ndarray:
+    """Where a law that is linear around 0 explains most, to first order.
+
+    A start of a size of its own may be so far off that nothing comes of it.
+    """
+    scale, count = fits.spread(joint), len(hypothesis.low)
+    starts = np.array(hypothesis.starts)
+    alone = (starts != 0.0).sum(1) == 1
+    sizes = np.where(alone[:, None] & (starts != 0.0), np.abs(starts), np.inf)
+    nearest = sizes.argmin(0)  # start along each coordinate
+    responses = shifts[:, nearest] / starts[nearest, np.arange(count)] / scale
+    slopes = base.slopes / scale
+    apart = responses - slopes @ np.linalg.solve(base.information, slopes.T @ responses)
+    normal = responses.T @ apart + np.diag(hypothesis.weights() + fits.FAINT)
+    own = -np.linalg.solve(normal, apart.T @ base.residual / scale)
+    own = np.clip(own, hypothesis.low, hypothesis.high)
+    return np.append(_adjusted(joint, base, scale * responses @ own)[1], own)
 
 
 def explain(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
