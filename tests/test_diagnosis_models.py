@@ -22,6 +22,7 @@ from gatjax.diagnosis.case import held, unfitted
 from gatjax.diagnosis.given import control_period
 from gatjax.diagnosis.motion import Motion
 from gatjax.diagnosis.suitable import check_replay
+from gatjax.diagnosis.tolerances import USUAL
 from gatjax.sim.episode import coupled, coupled_speed
 from gatjax.sim.limbs import put_down
 from gatjax.sim.world import dividing
@@ -274,6 +275,37 @@ def test_what_gravity_pulls_grows_as_inverse_dynamics_says(flag: str) -> None:
         other = loads.copied(model)
         other.opt.gravity[term] += 1.0
         np.testing.assert_allclose(gravity[..., term], slope(other, 1.0), atol=2e-4)
+
+
+def test_loads_of_changed_bodies_are_those_of_models_with_such_bodies() -> None:
+    """Inverse dynamics of each; the arm and the hand move a tied joint each."""
+    model, draw = mujoco.MjModel.from_xml_string(TIED), np.random.default_rng(4)
+    tree, joints = loads.Tree(model, model.actuator_trnid[:, 0]), (17, 2)
+    position = draw.uniform(-1.0, 1.0, joints)
+    moved = Motion(np.arange(17.0), position, *draw.normal(size=(2, *joints)), position)
+    others = [loads.perturbed(model, USUAL, draw) for _ in range(loads.TERMS)]
+    weighed, few = loads.weigh(tree, moved, others), slice(None, None, loads.COARSE)
+
+    def change(other: mujoco.MjModel) -> np.ndarray:
+        load = loads.Tree(other, model.actuator_trnid[:, 0]).loads(moved)
+        rest = load.rest - weighed.nominal.rest
+        return np.stack([rest, load.inertia - weighed.nominal.inertia])[:, few]
+
+    for k, other in enumerate(others):
+        size = np.abs(weighed.draws[..., k]).max()
+        np.testing.assert_allclose(
+            weighed.draws[..., k], change(other), atol=0.01 * size
+        )
+    for joint, body in enumerate(tree.body):
+        heavy = loads.copied(model)
+        heavy.body_mass[body] += 0.1
+        found = 0.1 * weighed.bodies[::2, :, :, joint, 0]
+        np.testing.assert_allclose(found, change(heavy), atol=1e-9)
+    for axis in range(3):
+        other = loads.copied(model)
+        other.opt.gravity[axis] += 1.0
+        found = weighed.gravity[::2, ..., axis]
+        np.testing.assert_allclose(found, change(other), atol=1e-9)
 
 
 def test_loads_of_bodies_and_gravity_reach_the_simulated_joints() -> None:

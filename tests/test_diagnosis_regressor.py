@@ -66,7 +66,7 @@ def taken(model: mujoco.MjModel, at: list[np.ndarray]) -> tuple[np.ndarray, np.n
 
 @pytest.mark.parametrize("flag", ["", WEIGHTLESS])
 def test_forces_and_inertias_of_bodies_are_those_of_mujoco(flag: str) -> None:
-    """All together, and what a body with other numbers changes."""
+    """Those of all bodies added up, each joint by itself and moved together."""
     model = robot(flag)
     at = motion(model, 6)
     swing, numbers = Swing(model, *at), inertials(model)

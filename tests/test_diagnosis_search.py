@@ -1,12 +1,13 @@
 """Proposals: which starts of a law are followed, and for how long."""
 
+import jax
 import numpy as np
 import pytest
 from test_diagnosis_plant import joint, wave
 
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis import search
-from gatjax.diagnosis.bank import CAUSES, of_drive
+from gatjax.diagnosis.bank import CAUSES, OTHERS, of_drive
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, numbers
 from gatjax.diagnosis.joint import Joint
@@ -77,7 +78,7 @@ def test_what_is_sure_is_no_cause():
     ("encoder_scale", -0.012), ("clock_drift", 0.0008),
 ])  # fmt: skip
 def test_a_small_effect_of_a_linear_law_starts_where_it_is(cause: str, size: float):
-    """Starts of sizes of their own are so far off that they look worse than nothing."""
+    """The bank's own starts are so far off that they say little, or look worse."""
     elbow = joint(wave)
     laws = of_drive(elbow, CAUSES)
     law = next(h for h in laws if h.cause == cause)
@@ -88,3 +89,38 @@ def test_a_small_effect_of_a_linear_law_starts_where_it_is(cause: str, size: flo
     best = min(search.scan(elbow, base, (law,)), key=lambda fit: fit.cost)
     assert best.x[-1] == pytest.approx(size, rel=0.3)
     assert best.cost < base.cost
+
+
+def test_tolerances_that_stand_for_a_linear_law_give_way_to_it():
+    """A torque that a spring's bias is, which friction and zeros were bent to."""
+    elbow = joint(wave)
+    law = next(h for h in OTHERS if h.variant == "parallel spring")
+    drive = numbers(elbow, law, np.append(np.zeros(COUNT), (0.0, 0.01)))
+    elbow = elbow._replace(measured=elbow.simulate([drive], False)[..., 0])
+    base = search.healthy(elbow)
+    best = min(search.scan(elbow, base, (law,)), key=lambda fit: fit.cost)
+    assert best.x[-2:] == pytest.approx((0.0, 0.01), abs=0.002)
+
+
+def test_rounded_targets_are_looked_at_closely_where_they_promise_something(
+    monkeypatch,
+):
+    law = next(h for h in CAUSES if h.rung)
+    elbow = joint(wave)
+    elbow = elbow._replace(grid=jax.tree.map(np.asarray, elbow.grid))
+    drive = numbers(elbow, law, np.append(np.zeros(COUNT), np.log(0.0533)))
+    rounded = elbow._replace(measured=elbow.simulate([drive], False)[..., 0])
+    plain = elbow._replace(measured=elbow.simulate([{}], False)[..., 0])
+    started, points = fits.start, []
+
+    def start(joint, some):
+        points.append(len(some))
+        return started(joint, some)
+
+    monkeypatch.setattr(fits, "start", start)
+    for one, calls in ((rounded, 1 + search.ZOOMS), (plain, 1)):
+        base = search.healthy(one)
+        points.clear()
+        search.scan(one, base, (law,))
+        assert len(points) == calls
+    assert search.scan(plain, base, ()) == []

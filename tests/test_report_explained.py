@@ -87,7 +87,7 @@ def test_a_winner_that_falls_is_not_called_better():
 
 def test_transfer_needs_both():
     summary = summarise(run_of(rollouts_of(theta0=THETA0, gat=GOOD)))
-    assert "GAT after diagnosis was not evaluated" in transfer(summary)
+    assert "“GAT after diagnosis” did not walk on the robot" in transfer(summary)
 
 
 def test_a_run_without_explain_has_no_such_part():

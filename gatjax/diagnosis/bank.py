@@ -248,7 +248,9 @@ CAUSES: tuple[Hypothesis, ...] = (
     geared(_SPRING, "link"),
     geared(_SPRING, "motor"),
     wave("torque_ripple", "", ("ripple", "ripple_phase", "cycles"), _CYCLES),
-    signed("asymmetric_friction", "", "asymmetric", "torque", 0.12, 1.0, limit_of),
+    signed(
+        "asymmetric_friction", "", "asymmetric", "torque", 0.12, 1.0, limit_of
+    )._replace(linear=False),  # what rubs in one direction is not the other's opposite
     _directed(),
     signed(
         "encoder_offset", "in loop", "zero_in", "offset", 0.06, 0.6,

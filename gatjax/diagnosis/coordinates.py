@@ -148,9 +148,12 @@ def lessened(cause: str, parameter: str, field: str) -> Hypothesis:
 
 
 def _of_zero(field: str) -> dict[str, Any]:
-    """The imitator of an offset: what an encoder's zero may be off."""
+    """An offset takes the place of its imitator, what an encoder's zero may be off.
+
+    So it is not linear around what is known; other numbers are.
+    """
     if field not in ("zero_in", "zero_out"):
-        return {}
+        return {"linear": True}
     return {"imitator": field, "taken": lambda joint, x: joint.allowed.zero * x}
 
 
@@ -171,7 +174,7 @@ def signed(
     return Hypothesis(
         cause, variant, put, starts, (0.02 * size,), (-high,), (high,),
         lambda joint, x: {parameter: number(joint, x)} | (values or {}),
-        linear=True, **_of_zero(field),
+        **_of_zero(field),
     )  # fmt: skip
 
 

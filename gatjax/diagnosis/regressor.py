@@ -57,7 +57,7 @@ class Swing:
     ) -> None:  # fmt: skip
         """Follow the bodies; qpos [N, nq], qvel and qacc [N, nv]."""
         self.model = model
-        self.carried = np.stack(
+        self._borne = np.stack(
             [carried(model, body) for body in model.dof_bodyid.tolist()]
         )
         data, series = mujoco.MjData(model), []
@@ -79,7 +79,7 @@ class Swing:
     def forces(self, body: int) -> np.ndarray:
         """Force at each joint axis [N, nv, SIZE] per unit of a body's numbers."""
         speed = self._along(body, self._speeds[:, None, body])[:, 0]
-        grown = self.carried[:, body] @ self._pushed
+        grown = self._borne[:, body] @ self._pushed
         grown = self._along(body, grown[:, None])[:, 0]
         spin, turned, model = speed[:, :3], grown[:, :3], self.model
         if not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_GRAVITY:
@@ -112,15 +112,15 @@ class Swing:
         weights = model.body_mass * (1.0 - model.body_gravcomp)
         for body in np.flatnonzero(weights).tolist():
             falls = move + np.cross(turn, self._centres[:, None, body])
-            found -= weights[body] * self.carried[:, body, None] * falls
+            found -= weights[body] * self._borne[:, body, None] * falls
         return found
 
     def _moves(self, body: int) -> np.ndarray:
         """What a unit of each axis' speed gives a body: turn and move [N, nv, 6]."""
-        return self._along(body, self._dofs) * self.carried[:, body, None]
+        return self._along(body, self._dofs) * self._borne[:, body, None]
 
     def _along(self, body: int, motion: np.ndarray) -> np.ndarray:
-        """Motions [N, k, 6] about the middle of the world, of and along a body."""
+        """Motions [N, k, 6] about the middle of a body's tree, as it sees them."""
         turn, move = np.split(motion, 2, axis=-1)
         move = move + np.cross(turn, self._places[:, None, body])
         turn, move = (self._turned(body, each) for each in (turn, move))

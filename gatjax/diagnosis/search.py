@@ -74,7 +74,8 @@ def _zoomed(joint: Joint, base: Fit, found: list[Fit]) -> list[Fit]:
 
     Only where it explains something to begin with, beside the best of all.
     """
-    worth = base.cost - CLOSER * max(base.cost - min(fit.cost for fit in found), 0.0)
+    least = min((fit.cost for fit in found), default=base.cost)
+    worth = base.cost - CLOSER * max(base.cost - least, 0.0)
     widths = {
         k: f.hypothesis.newest.rung for k, f in enumerate(found)
         if f.hypothesis and f.hypothesis.newest.rung and f.cost < worth
@@ -125,19 +126,33 @@ def _solved(
 ) -> tuple[np.ndarray, np.ndarray]:
     """One start for each pair: the amplitudes that explain most beside the rest."""
     scale = fits.spread(joint)
-    slopes, target = base.slopes / scale, base.residual / scale
     solved, moved = [], []
     for k in range(0, len(starts), 2):
         responses = shifts[:, k : k + 2] / scale
-        apart = responses - slopes @ np.linalg.solve(
-            base.information, slopes.T @ responses
-        )
-        normal = responses.T @ apart + 1e-6 * np.eye(2)
-        weights = -np.linalg.solve(normal, apart.T @ target)
+        weights = _sizes(joint, base, responses, np.full(2, fits.FAINT))
         amplitudes = np.clip(weights @ starts[k : k + 2, :2], -0.9, 0.9)
         solved.append(np.append(amplitudes, starts[k, 2]))
         moved.append(shifts[:, k : k + 2] @ weights)
     return np.array(solved), np.stack(moved, -1)
+
+
+def _sizes(
+    joint: Joint, base: Fit, responses: np.ndarray, prior: np.ndarray
+) -> np.ndarray:
+    """Sizes [k] of changes that explain most beside the rest, to first order.
+
+    Args:
+        joint: in question.
+        base: what is known, linearised.
+        responses: [n, k] of the residual over its spread, per unit.
+        prior: information [k] on the sizes, around 0.
+    """
+    scale = fits.spread(joint)
+    slopes, target = base.slopes / scale, base.residual / scale
+    pull = slopes.T @ target + information(base.hypothesis) * base.x
+    left = target - slopes @ np.linalg.solve(base.information, pull)
+    apart = responses - slopes @ np.linalg.solve(base.information, slopes.T @ responses)
+    return -np.linalg.solve(responses.T @ apart + np.diag(prior), responses.T @ left)
 
 
 def _straight(
@@ -145,18 +160,21 @@ def _straight(
 ) -> np.ndarray:
     """Where a law that is linear around 0 explains most, to first order.
 
-    A start of a size of its own may be so far off that nothing comes of it.
+    The starts that a bank names may be so far off that nothing comes of them.
+
+    Args:
+        joint: in question.
+        base: what is known, linearised.
+        hypothesis: the law; one start at least lies on each of its axes.
+        shifts: [n, starts] of the residual at its starts, rad.
     """
     scale, count = fits.spread(joint), len(hypothesis.low)
     starts = np.array(hypothesis.starts)
     alone = (starts != 0.0).sum(1) == 1
-    sizes = np.where(alone[:, None] & (starts != 0.0), np.abs(starts), np.inf)
-    nearest = sizes.argmin(0)  # start along each coordinate
+    far = np.where(alone[:, None] & (starts != 0.0), np.abs(starts), np.inf)
+    nearest = far.argmin(0)  # start on each axis
     responses = shifts[:, nearest] / starts[nearest, np.arange(count)] / scale
-    slopes = base.slopes / scale
-    apart = responses - slopes @ np.linalg.solve(base.information, slopes.T @ responses)
-    normal = responses.T @ apart + np.diag(hypothesis.weights() + fits.FAINT)
-    own = -np.linalg.solve(normal, apart.T @ base.residual / scale)
+    own = _sizes(joint, base, responses, hypothesis.weights() + fits.FAINT)
     own = np.clip(own, hypothesis.low, hypothesis.high)
     return np.append(_adjusted(joint, base, scale * responses @ own)[1], own)
 

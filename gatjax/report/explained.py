@@ -105,7 +105,7 @@ def transfer(summary: Summary) -> str:
     asked = "Whether the walk transfers better than with GAT alone cannot be said"
     if one is None or other is None:
         lacking = label_of(AFTER if one is None else ALONE)
-        return f"{asked}: {lacking} was not evaluated."
+        return f"{asked}: the method “{lacking}” did not walk on the robot."
     falls, fall_words = compare_falls(one, other)
     fall_words = f"GAT after diagnosis {fall_words}"
     if not (one.best and other.best and one.best.upright and other.best.upright):
