@@ -8,7 +8,6 @@ as logarithms.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -147,16 +146,6 @@ def lessened(cause: str, parameter: str, field: str) -> Hypothesis:
     return share._replace(variant=LESS, values=values)
 
 
-def _of_zero(field: str) -> dict[str, Any]:
-    """An offset takes the place of its imitator, what an encoder's zero may be off.
-
-    So it is not linear around what is known; other numbers are.
-    """
-    if field not in ("zero_in", "zero_out"):
-        return {"linear": True}
-    return {"imitator": field, "taken": lambda joint, x: joint.allowed.zero * x}
-
-
 def signed(
     cause: str, variant: str, field: str, parameter: str, size: float, high: float,
     scale: Scale = _one, neutral: float = 0.0, values: Numbers | None = None,
@@ -171,11 +160,15 @@ def signed(
         drive[field] = known + number(joint, x)
 
     starts = tuple((k * size,) for k in (0.3, -0.3, 1.0, -1.0))
-    return Hypothesis(
+    plain = Hypothesis(
         cause, variant, put, starts, (0.02 * size,), (-high,), (high,),
         lambda joint, x: {parameter: number(joint, x)} | (values or {}),
-        **_of_zero(field),
     )  # fmt: skip
+    if field not in ("zero_in", "zero_out"):
+        return plain._replace(linear=True)
+    return plain._replace(  # it takes the place of what the encoder's zero may be off
+        imitator=field, taken=lambda joint, x: joint.allowed.zero * x
+    )
 
 
 def add_terms(drive: Numbers, first: int, sizes: Sequence[float] | np.ndarray) -> None:
