@@ -94,6 +94,12 @@ def test_steps_are_longer_where_nothing_acts_once_a_step(world, step):
     assert lighter(world).model.opt.timestep == pytest.approx(step, rel=1e-3)
 
 
+@pytest.mark.parametrize(("source", "iterations"), [("nao", 3), ("nao_hung", 4)])
+def test_the_solver_of_one_that_walks_iterates_less(source, iterations):
+    assert nominal(source=source).model.opt.iterations == 4
+    assert lighter(nominal(source=source)).model.opt.iterations == iterations
+
+
 def walked(world, policies, keys):
     """Outcomes of policies [B, 15] on a world and on its lighter one."""
     each = (world, lighter(world))

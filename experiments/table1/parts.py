@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 from run import METHODS, tell
 
 from gatjax import loop
-from gatjax.benchmark.trials import opened
+from gatjax.benchmark.trials import opened, with_methods
 from gatjax.cli.progress import shown
 from gatjax.loop.optimise import optimise_all
 from gatjax.loop.setting import Setting, total_work
@@ -50,6 +50,7 @@ def asked() -> argparse.Namespace:
     parser.add_argument("--robot", default="stiff")
     parser.add_argument("--trials", type=int, nargs="+", default=list(range(10)))
     parser.add_argument("--methods", nargs="+", default=METHODS)
+    parser.add_argument("--candidates", nargs="+", default=["best"])
     parser.add_argument("--backend", default="mjx", help="that searches")
     parser.add_argument("--impl", default="warp", help="of mjx: jax or warp")
     return parser.parse_args()
@@ -116,8 +117,8 @@ def settings_of(told: argparse.Namespace, progress: Progress) -> list[Setting]:
 
 def _trial(told: argparse.Namespace, trial: int) -> LoopSettings:
     return dataclasses.replace(
-        PAPER, robot=told.robot, seed=trial, methods=tuple(told.methods),
-        backend=told.backend, impl=told.impl,
+        with_methods(PAPER, told.methods), robot=told.robot, seed=trial,
+        candidates=tuple(told.candidates), backend=told.backend, impl=told.impl,
     )  # fmt: skip
 
 

@@ -39,7 +39,7 @@ except Exception as error:  # any: packages of other ages lack this or that
 Array = Any
 Step = Callable[[Any, Any], Any]
 TRACE = 1e-9  # N m, least dry friction of a world with friction; see `_with_fields`
-CONTACTS = 9  # of a robot in MJX-Warp's buffer: a walking NAO has at most 8
+CONTACTS = 8  # of a robot in MJX-Warp's buffer: a NAO's feet are four spheres each
 EQUALITY_ROWS = {0: 3, 1: 6}  # of MuJoCo's connect and weld; others have one
 
 
