@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,8 +17,6 @@ from gatjax.sim.world import World
 from gatjax.walk.parameters import THETA0
 
 KINDS = ("best", "mean", "rechecked")
-FIRST, AGAIN = 5, 20  # policies of a generation that are rechecked, rollouts of each
-STREAM = 10**6  # random keys above all that `verify` splits the same one into
 
 
 class Candidate(NamedTuple):
@@ -70,11 +68,12 @@ def write_candidates(
     info: search.GenerationInfo,
     kinds: Sequence[str],
     seconds: float,
+    recheck: Callable[[int, search.GenerationInfo], Array],
 ) -> list[Candidate]:
-    """Write the candidates of one generation."""
+    """Write the candidates of one generation; see `gatjax.loop.recheck`."""
     found = {"best": info.best_policy, "mean": info.mean_policy}
     if "rechecked" in kinds:
-        found["rechecked"] = rechecked(job, number, info)
+        found["rechecked"] = recheck(number, info)
     candidates = [
         Candidate(job.method, job.iteration, number, kind, found[kind])
         for kind in kinds
@@ -90,26 +89,6 @@ def write_candidates(
             row["simulator_cost"] = float(info.best_cost)
     runs.add_rows(job.folder / "metrics.csv", rows)
     return candidates
-
-
-def rechecks(kinds: Sequence[str]) -> int:
-    """Rollouts of a generation besides those of its search."""
-    return (FIRST + 1) * AGAIN if "rechecked" in kinds else 0
-
-
-def rechecked(job: Job, number: int, info: search.GenerationInfo) -> Array:
-    """The policy [15] of a generation that costs least when it walks again.
-
-    The best one of a few rollouts is a lucky one, and what falls in one walk of ten is
-    seldom seen to. So the FIRST best and the mean walk AGAIN times more, in the whole
-    world that was searched, with random numbers that the search did not have.
-    """
-    order = np.argsort(info.costs, kind="stable")[:FIRST]
-    policies = np.concatenate([info.policies[order], info.mean_policy[None]])
-    keys = jax.random.split(jax.random.fold_in(job.check_key, STREAM + number), AGAIN)
-    backend = prepare(job.world, "native")
-    found = pairs(backend.outcome, job.world.values, policies, keys)
-    return policies[int(np.argmin(policy_costs(found.cost)))]
 
 
 def read_candidates(

@@ -13,10 +13,10 @@ from gatjax.loop.candidates import (
     Candidate,
     Job,
     read_candidates,
-    rechecks,
     verify,
     write_candidates,
 )
+from gatjax.loop.recheck import rechecking, rechecks
 from gatjax.loop.setting import SIMULATOR_UNIT
 from gatjax.loop.steps import (
     Share,
@@ -99,7 +99,7 @@ def generations(
     progress.work(work * sum(firsts))
     if min(firsts) >= total:
         return list(found)
-    step = build(states[0].space)
+    step, again = build(states[0].space), [rechecking(job) for job in jobs]
     for number in range(min(firsts), total):
         due = [index for index, first in enumerate(firsts) if first <= number]
         many = f", {len(due)} trials" if len(jobs) > 1 else ""
@@ -110,8 +110,8 @@ def generations(
         for index, (state, info) in zip(due, results, strict=True):
             states[index], job = state, jobs[index]
             info = jax.tree.map(np.asarray, info)
-            kinds = settings.candidates
-            found[index].extend(write_candidates(job, number, info, kinds, seconds))
+            facts = settings.candidates, seconds, again[index]
+            found[index].extend(write_candidates(job, number, info, *facts))
             checkpoints.save(job.checkpoints, number, state)
             progress.work(work)
     return list(found)

@@ -11,7 +11,8 @@ import jax
 import numpy as np
 
 from gatjax.grounding.learn import METHODS, check_needs
-from gatjax.loop.candidates import KINDS, rechecks
+from gatjax.loop.candidates import KINDS
+from gatjax.loop.recheck import rechecks
 from gatjax.records import Array, Outcome, Trajectory
 from gatjax.runs import Progress
 from gatjax.search import checked
