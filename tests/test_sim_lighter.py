@@ -94,10 +94,19 @@ def test_steps_are_longer_where_nothing_acts_once_a_step(world, step):
     assert lighter(world).model.opt.timestep == pytest.approx(step, rel=1e-3)
 
 
-@pytest.mark.parametrize(("source", "iterations"), [("nao", 3), ("nao_hung", 4)])
-def test_the_solver_of_one_that_walks_iterates_less(source, iterations):
-    assert nominal(source=source).model.opt.iterations == 4
-    assert lighter(nominal(source=source)).model.opt.iterations == iterations
+@pytest.mark.parametrize(
+    ("world", "iterations"),
+    [
+        (nominal(), 3),
+        (add_causes(nominal(), [TO_BODY]), 3),
+        (nominal(source="nao_hung"), 4),
+        (add_causes(nominal(), [TO_MOTOR]), 4),
+        (add_causes(nominal(), [IN_GEAR]), 4),
+    ],
+)
+def test_the_solver_iterates_less_where_nothing_acts_once_a_step(world, iterations):
+    assert world.model.opt.iterations == 4
+    assert lighter(world).model.opt.iterations == iterations
 
 
 def walked(world, policies, keys):

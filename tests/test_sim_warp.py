@@ -62,14 +62,36 @@ def test_there_is_room_for_all_constraints(light):
         data.qpos[2] = draw.uniform(0.2, 0.3)
         data.qpos[7:] = draw.uniform(-2.0, 2.0, model.nq - 7)
         mujoco.mj_forward(model, data)
-        assert data.ncon <= mjx.CONTACTS
+        assert data.ncon <= mjx.most_contacts(model)
         seen.append(data.nefc)
     data.qpos[:], data.qpos[3] = 0.0, 1.0
     data.qpos[2] = 0.32
     mujoco.mj_forward(model, data)
-    assert data.ncon == 8  # all corners of both soles
+    assert data.ncon == 8 == mjx.most_contacts(model)  # all corners of both soles
     assert max([*seen, data.nefc]) <= mjx.most_rows(model)
     assert mjx.most_rows(model) < 100
+
+
+BOXES = """<mujoco><worldbody><geom type="plane" size="1 1 1"/>
+{}</worldbody></mujoco>"""
+BOX = """<body pos="0 0 {}"><freejoint/><geom type="{}" size=".1 .1 .1"/></body>"""
+
+
+@pytest.mark.parametrize(
+    ("bodies", "most"),
+    [
+        ([(0.09, "sphere")], 1),
+        ([(0.09, "box")], 8),
+        ([(0.09, "box"), (0.27, "sphere")], 10),  # each other, and the floor
+        ([(0.09 + 0.18 * number, "box") for number in range(5)], 64),
+    ],
+)
+def test_there_is_room_for_contacts_of_other_shapes(bodies, most):
+    text = BOXES.format("".join(BOX.format(*body) for body in bodies))
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    assert 0 < data.ncon <= mjx.most_contacts(model) == most
 
 
 def test_auto_takes_warp_where_it_can_run(monkeypatch):

@@ -11,6 +11,7 @@ with the robot's.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 
 import jax
@@ -18,11 +19,10 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from gatjax.grounding.learn import grounded, read_grounding
-from gatjax.loop.recheck import doubted
+from gatjax.loop.recheck import in_doubt
 from gatjax.runs import read_policy
 from gatjax.sim.backend import pairs, prepare, use_compile_cache
 from gatjax.sim.stored import read_world
-from gatjax.sim.world import Values
 from gatjax.surrogate import make_robot
 from gatjax.task import Task
 
@@ -35,20 +35,18 @@ def walked(folder: Path, seed: int) -> dict[str, np.ndarray]:
     policies = np.stack([read_policy(file) for file in files])
     world, _ = read_world(folder / "extended.json", Task())
     world = grounded(world, read_grounding(folder / "grounding" / "explained_0"))
-    run = prepare(world, "native").outcome
+    keys = jax.random.split(jax.random.key(77), WORLDS * EACH)
 
-    def fallen(values: Values, count: int, key: int) -> np.ndarray:
-        keys = jax.random.split(jax.random.key(key), count)
-        return np.isfinite(pairs(run, values, policies, keys).fell_at).sum(1)
+    def fallen(run: Callable) -> np.ndarray:
+        return np.isfinite(pairs(run, world.values, policies, keys).fell_at).sum(1)
 
-    others = enumerate(doubted(world, WORLDS, seed))
     seeds = [FIRST_SEED + number for number in range(WALKS)] * len(files)
     robot = make_robot(folder.name.split("_")[0])
     _, outcome = robot.walk(np.repeat(policies, WALKS, axis=0), seeds, Task())
     fell = np.isfinite(outcome.fell_at).reshape(len(files), WALKS)
     return {
-        "its world": fallen(world.values, WORLDS * EACH, 77),
-        "in doubt": np.sum([fallen(v, EACH, 100 + k) for k, v in others], axis=0),
+        "its world": fallen(prepare(world).outcome),
+        "in doubt": fallen(in_doubt(world, WORLDS, seed).outcome),
         "robot": fell.sum(1),
     }
 

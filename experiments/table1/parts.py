@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 from collections.abc import Sequence
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,8 @@ from run import METHODS, tell
 from gatjax import loop
 from gatjax.benchmark.trials import opened, with_methods
 from gatjax.cli.progress import shown
+from gatjax.loop.candidates import KINDS
+from gatjax.loop.explain import EXPLAINED
 from gatjax.loop.optimise import optimise_all
 from gatjax.loop.setting import Setting, total_work
 from gatjax.loop.stages import begin, entries, job_of
@@ -49,8 +52,9 @@ def asked() -> argparse.Namespace:
     parser.add_argument("--out", type=Path, required=True, help="folder for the runs")
     parser.add_argument("--robot", default="stiff")
     parser.add_argument("--trials", type=int, nargs="+", default=list(range(10)))
-    parser.add_argument("--methods", nargs="+", default=METHODS)
-    parser.add_argument("--candidates", nargs="+", default=["best"])
+    known = [*METHODS, EXPLAINED]
+    parser.add_argument("--methods", nargs="+", default=METHODS, choices=known)
+    parser.add_argument("--candidates", nargs="+", default=["best"], choices=KINDS)
     parser.add_argument("--backend", default="mjx", help="that searches")
     parser.add_argument("--impl", default="warp", help="of mjx: jax or warp")
     return parser.parse_args()
@@ -66,8 +70,12 @@ def ground(settings: list[Setting]) -> None:
 
 def search(settings: list[Setting]) -> None:
     """Search in all trials of a method at once, and measure what was found there."""
-    for alike in zip(*map(entries, settings), strict=True):
-        jobs = [job_of(*each, 0, THETA0) for each in zip(settings, alike, strict=True)]
+    named: dict[str, list] = {}  # a diagnosis may leave a trial without `explained`
+    for setting in settings:
+        for entry in entries(setting):
+            named.setdefault(entry.name, []).append((setting, entry))
+    for alike in named.values():
+        jobs = [job_of(*each, 0, THETA0) for each in alike]
         optimise_all(jobs, settings[0].settings, settings[0].progress)
 
 
@@ -77,13 +85,15 @@ def walk(settings: list[Setting]) -> None:
     loop.run_all(folders, each, settings[0].robot, settings[0].progress)
 
 
-def drawn(folders: Sequence[Path], methods: Sequence[str], file: Path) -> None:
+def drawn(
+    folders: Sequence[Path], methods: Sequence[str], kind: str, file: Path
+) -> None:
     """Falls on the robot and speed in the simulator, generation by generation."""
     rows = [row for folder in folders for row in read_table(folder / "metrics.csv")]
     figure = Figure((9.0, 3.8), layout="constrained")
     left, right = figure.subplots(1, 2)
-    for method, colour in zip(methods, INKS, strict=False):
-        mine = [r for r in rows if r["method"] == method and r["candidate"] == "best"]
+    for method, colour in zip(methods, cycle(INKS), strict=False):
+        mine = [r for r in rows if r["method"] == method and r["candidate"] == kind]
         numbers = sorted({row["generation"] for row in mine})
         each = [[r for r in mine if r["generation"] == number] for number in numbers]
         falls = [
@@ -133,7 +143,8 @@ def main() -> None:
         folders = [setting.folder for setting in settings]
         found = dict(zip(told.trials, folders, strict=True))
         text = tell(told.out, told.robot, found, told.methods)
-        drawn(folders, told.methods, told.out / "generations.png")
+        kind = told.candidates[0]
+        drawn(folders, told.methods, kind, told.out / "generations.png")
         print(f"{text}\n{told.out / 'table.md'}")
 
 

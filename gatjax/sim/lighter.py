@@ -2,7 +2,8 @@
 
 Head, elbows, wrists and hands are held where the walk has them stand. Their bodies
 are one with those that carry them, with what causes have made of their masses. The
-NAO's physics steps are longer besides, with fewer solver iterations.
+NAO's physics steps are longer besides, with fewer iterations of the solver, where
+nothing acts once per physics step.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ def lighter(world: World) -> World:
     angles = {joint: float(stand[JOINTS.index(joint)]) for joint in HELD}
     held = Held(angles, fields_applied(world))
     light = nominal(world.task, world.source, _timestep(world), held)
-    if world.source == "nao":
+    if _plain(world):
         light.model.opt.iterations = ITERATIONS
     for row in world.causes:
         where = [place for place in row["where"] if place not in HELD]
@@ -67,6 +68,11 @@ def lighter(world: World) -> World:
     return light
 
 
+def _plain(world: World) -> bool:
+    """Whether it is the shipped NAO and nothing acts once per physics step."""
+    return world.source == "nao" and not world.motor and not world.joint
+
+
 def _timestep(world: World) -> float:
     """Physics step of the lighter world, s.
 
@@ -74,7 +80,7 @@ def _timestep(world: World) -> float:
     once per physics step.
     """
     own = world.model.opt.timestep
-    if world.source != "nao" or world.motor or world.joint:
+    if not _plain(world):
         return own
     if own != nominal(world.task).model.opt.timestep:
         return own

@@ -39,7 +39,8 @@ except Exception as error:  # any: packages of other ages lack this or that
 Array = Any
 Step = Callable[[Any, Any], Any]
 TRACE = 1e-9  # N m, least dry friction of a world with friction; see `_with_fields`
-CONTACTS = 8  # of a robot in MJX-Warp's buffer: a NAO's feet are four spheres each
+POINTS = 8  # at which two geoms touch at most, two boxes do; a sphere touches at one
+CONTACTS = 64  # of a robot in MJX-Warp's buffer at most; a NAO's soles touch at eight
 EQUALITY_ROWS = {0: 3, 1: 6}  # of MuJoCo's connect and weld; others have one
 
 
@@ -102,9 +103,20 @@ def bare_data(world: World, impl: str, robots: int = 1) -> tuple[Any, Any]:
         model.dof_frictionloss[dofs] = np.maximum(model.dof_frictionloss[dofs], TRACE)
     put = mjx.put_model(model, impl=impl)
     if impl == "warp":
-        room = {"naconmax": CONTACTS * robots, "njmax": most_rows(model)}
+        room = {"naconmax": most_contacts(model) * robots, "njmax": most_rows(model)}
         return _calm(put), mjx.make_data(model, impl=impl, **room)
     return put, mjx.make_data(model, impl=impl)
+
+
+def most_contacts(model: mujoco.MjModel) -> int:
+    """Most contacts of a robot at once, `CONTACTS` where its geoms allow for more."""
+    kinds, masks = model.geom_contype, model.geom_conaffinity
+    met = (kinds[:, None] & masks[None]) | (masks[:, None] & kinds[None])
+    met[model.geom_bodyid[:, None] == model.geom_bodyid[None]] = 0
+    ball = model.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE
+    points = np.where(ball[:, None] | ball[None], 1, POINTS)
+    found = int(np.triu(np.where(met, points, 0)).sum()) + POINTS * model.npair
+    return min(max(found, 1), CONTACTS)
 
 
 def most_rows(model: mujoco.MjModel) -> int:
@@ -112,7 +124,7 @@ def most_rows(model: mujoco.MjModel) -> int:
     held = sum(EQUALITY_ROWS.get(int(kind), 1) for kind in model.eq_type)
     rubbing = int((model.dof_frictionloss > 0).sum())
     sliding = int(model.geom_condim.max(initial=1)) - 1
-    touching = CONTACTS * max(1, 2 * sliding)
+    touching = most_contacts(model) * max(1, 2 * sliding)
     return held + rubbing + int(model.jnt_limited.sum()) + touching
 
 
