@@ -76,8 +76,9 @@ class LoopSettings:
     seed: int = 0
     """Seed of everything random."""
     model: str = "light"
-    """Search on a robot without the joints that the walk never moves and with longer
-    physics steps (light), or on the whole one (full), which candidates walk on."""
+    """Search on a robot without the joints that the walk never moves, with longer
+    physics steps and fewer solver iterations (light), or on the whole one (full), which
+    candidates walk on."""
     backend: str = "auto"
     """Search on: native (CPU threads), mjx (one compiled call), auto."""
     impl: str = "auto"

@@ -182,8 +182,8 @@ class Search:
     race: int = 0
     """Rollouts after which the worse half of the policies drops out; 0: never."""
     model: Literal["light", "full"] = "light"
-    """light: without the joints that the walk never moves, longer physics steps; full:
-    the whole robot."""
+    """light: without the joints that the walk never moves, longer physics steps, fewer
+    solver iterations; full: the whole robot."""
     backend: Literal["auto", "native", "mjx"] = "auto"
     impl: Literal["auto", "jax", "warp"] = "auto"
     """Of mjx; auto: warp where it can run (NVIDIA, warp-lang), four times as fast."""
