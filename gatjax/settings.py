@@ -65,8 +65,7 @@ class LoopSettings:
     candidates: tuple[str, ...] = ("best", "mean")
     """Which policies of a generation walk on the robot: best, mean (of what the search
     draws from), rechecked (the one of the five best and the mean that costs least in
-    20 more rollouts, in simulators with other bodies and another grip: the best of few
-    is a lucky one, and may fall)."""
+    20 more rollouts: the best of few is a lucky one, and may fall)."""
     search: tyro.conf.OmitArgPrefixes[SearchSettings] = field(
         default_factory=SearchSettings
     )

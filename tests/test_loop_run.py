@@ -235,7 +235,7 @@ def test_policies_that_are_best_in_more_rollouts_walk_on_the_robot(robot, tmp_pa
     assert len(policies) == len(kinds)
     for path, text in policies.items():
         assert path.read_text() == text
-    assert "in simulators in doubt" in build_report(folder).read_text()
+    assert "in more rollouts" in build_report(folder).read_text()
 
 
 def test_an_oracle_searches_on_the_robot_itself(robot, tmp_path):

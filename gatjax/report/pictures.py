@@ -35,7 +35,7 @@ def robot_pictures(summary: Summary) -> str:
     titles = {
         "best": "best candidate of each generation",
         "mean": "mean of the search distribution",
-        "rechecked": "the best of each generation in simulators in doubt",
+        "rechecked": "the best of each generation in more rollouts",
     }
     kinds = [kind for kind in titles if any(c.candidate == kind for c in every)]
     pictures = [
