@@ -2,12 +2,14 @@
 
 import dataclasses
 import shutil
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from short_walks import SHORT
 
 from gatjax import loop, runs
+from gatjax.loop import stages
 from gatjax.report import build_report
 from gatjax.settings import LoopSettings, SearchSettings
 from gatjax.sim.world import add_cause, nominal
@@ -265,3 +267,11 @@ def test_an_oracle_searches_on_the_robot_itself(robot, tmp_path):
     loop.run(folder, settings, Watched(), quiet())
     assert len(asked) == count
     assert build_report(folder).is_file()
+
+
+def test_trials_are_grouped_by_entry_also_where_one_lacks_it():
+    none, gat, explained = (SimpleNamespace(name=n) for n in ("none", "gat", "more"))
+    trials = [(0, none), (0, gat), (1, none), (1, gat), (1, explained)]
+    assert stages.by_entry(trials) == [
+        [(0, none), (1, none)], [(0, gat), (1, gat)], [(1, explained)]
+    ]  # fmt: skip

@@ -3,9 +3,9 @@
     python experiments/table1/doubted.py DIR/dart_0 DIR/dart_1    # run folders
 
 The candidates of `explained` walk again: in the world that they were found in, in
-worlds whose bodies are off by what the diagnosis tolerates, in worlds off by twice that
-and with another grip, and on the stand-in robot. It prints how many of their walks
-fall, and Spearman's rank correlation with the robot's.
+worlds whose bodies are off by what the diagnosis tolerates, in worlds off by more (5 %
+of each mass, 5 mm) with another grip, and on the stand-in robot. It prints how many of
+their walks fall, and Spearman's rank correlation with the robot's.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def within(world: World, draw: np.random.Generator) -> mujoco.MjModel:
 
 
 def beyond(world: World, draw: np.random.Generator) -> mujoco.MjModel:
-    """Bodies off by twice that, and another grip."""
+    """Bodies off by more, and another grip."""
     model = perturbed(world.model, WIDE, draw)
     model.geom_friction[:, 0] *= draw.uniform(*GRIP)
     return model
@@ -60,7 +60,7 @@ def walked(folder: Path, draw: np.random.Generator) -> dict[str, np.ndarray]:
     world, _ = read_world(folder / "extended.json", Task())
     world = grounded(world, read_grounding(folder / "grounding" / "explained_0"))
     found = {"its world": fallen(world, policies, WORLDS * EACH, 77)}
-    for name, drawn in (("bodies", within), ("twice, and grip", beyond)):
+    for name, drawn in (("bodies", within), ("more, and grip", beyond)):
         doubted = (
             dataclasses.replace(world, model=drawn(world, draw)) for _ in range(WORLDS)
         )

@@ -30,7 +30,7 @@ from gatjax.loop.candidates import KINDS
 from gatjax.loop.explain import EXPLAINED
 from gatjax.loop.optimise import optimise_all
 from gatjax.loop.setting import Setting, total_work
-from gatjax.loop.stages import begin, entries, job_of
+from gatjax.loop.stages import begin, by_entry, entries, job_of
 from gatjax.runs import Progress, read_table
 from gatjax.settings import PAPER, LoopSettings
 from gatjax.sim.backend import use_compile_cache
@@ -70,11 +70,8 @@ def ground(settings: list[Setting]) -> None:
 
 def search(settings: list[Setting]) -> None:
     """Search in all trials of a method at once, and measure what was found there."""
-    named: dict[str, list] = {}  # a diagnosis may leave a trial without `explained`
-    for setting in settings:
-        for entry in entries(setting):
-            named.setdefault(entry.name, []).append((setting, entry))
-    for alike in named.values():
+    trials = [(setting, entry) for setting in settings for entry in entries(setting)]
+    for alike in by_entry(trials):
         jobs = [job_of(*each, 0, THETA0) for each in alike]
         optimise_all(jobs, settings[0].settings, settings[0].progress)
 

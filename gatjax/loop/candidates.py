@@ -18,6 +18,9 @@ from gatjax.walk.parameters import THETA0
 
 KINDS = ("best", "mean", "rechecked")
 
+Recheck = Callable[[int, search.GenerationInfo], Array]
+"""(number of the generation, its policies and costs) -> a policy [15]."""
+
 
 class Candidate(NamedTuple):
     """A walk to be tried on the robot."""
@@ -68,7 +71,7 @@ def write_candidates(
     info: search.GenerationInfo,
     kinds: Sequence[str],
     seconds: float,
-    recheck: Callable[[int, search.GenerationInfo], Array],
+    recheck: Recheck,
 ) -> list[Candidate]:
     """Write the candidates of one generation; see `gatjax.loop.recheck`."""
     found = {"best": info.best_policy, "mean": info.mean_policy}

@@ -6,12 +6,12 @@ seen to.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import jax
 import numpy as np
 
-from gatjax.loop.candidates import Job
+from gatjax.loop.candidates import Job, Recheck
 from gatjax.ranking import policy_costs
 from gatjax.records import Array
 from gatjax.search import GenerationInfo
@@ -19,9 +19,6 @@ from gatjax.sim.backend import pairs, prepare
 
 FIRST, AGAIN = 5, 20  # policies of a generation that are rechecked, rollouts of each
 STREAM = 10**6  # random keys above all that `verify` splits the same one into
-
-Recheck = Callable[[int, GenerationInfo], Array]
-"""(number of the generation, its policies and costs) -> a policy [15]."""
 
 
 def rechecks(kinds: Sequence[str]) -> int:

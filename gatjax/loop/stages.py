@@ -68,9 +68,8 @@ def run_all(
         setting = Setting(folder, one, task, world, robot, progress)
         begin(setting)
         trials += [(setting, entry) for entry in entries(setting)]
-    for name in dict.fromkeys(entry.name for _, entry in trials):
-        alike = [(s, e) for s, e in trials if e.name == name]
-        thetas = [THETA0] * len(alike)
+    for alike in by_entry(trials):
+        name, thetas = alike[0][1].name, [THETA0] * len(alike)
         for iteration in range(settings[0].iterations):
             thetas = improve(alike, iteration, thetas)
         for (setting, _), theta in zip(alike, thetas, strict=True):
@@ -91,6 +90,14 @@ def entries(setting: Setting) -> list[Entry]:
     """What is compared: the methods, and GAT on what a diagnosis leaves."""
     found = [Entry(name, name, setting.world) for name in setting.settings.methods]
     return found + (explained(setting) if setting.settings.explain else [])
+
+
+def by_entry(
+    trials: Sequence[tuple[Setting, Entry]],
+) -> list[list[tuple[Setting, Entry]]]:
+    """Group trials by what they compare; one may lack an entry that others have."""
+    names = dict.fromkeys(entry.name for _, entry in trials)
+    return [[each for each in trials if each[1].name == name] for name in names]
 
 
 def name_robot(folder: Path, robot: Robot) -> None:
