@@ -2,14 +2,14 @@
 
 import dataclasses
 import shutil
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from short_walks import SHORT
 
 from gatjax import loop, runs
-from gatjax.loop import stages
+from gatjax.loop.setting import Entry, Setting
+from gatjax.loop.stages import by_entry
 from gatjax.report import build_report
 from gatjax.settings import LoopSettings, SearchSettings
 from gatjax.sim.world import add_cause, nominal
@@ -269,9 +269,21 @@ def test_an_oracle_searches_on_the_robot_itself(robot, tmp_path):
     assert build_report(folder).is_file()
 
 
-def test_trials_are_grouped_by_entry_also_where_one_lacks_it():
-    none, gat, explained = (SimpleNamespace(name=n) for n in ("none", "gat", "more"))
-    trials = [(0, none), (0, gat), (1, none), (1, gat), (1, explained)]
-    assert stages.by_entry(trials) == [
-        [(0, none), (1, none)], [(0, gat), (1, gat)], [(1, explained)]
-    ]  # fmt: skip
+def test_trials_are_grouped_by_entry_also_where_one_lacks_it(tmp_path):
+    world, settings = nominal(SHORT), LoopSettings()
+    still = runs.Progress(lambda text: None, lambda units: None)
+    one, other = (
+        Setting(tmp_path, settings, SHORT, world, loop.Simulator(world), still)
+        for _ in range(2)
+    )
+    none, gat, more = (Entry(name, "gat", world) for name in ("none", "gat", "more"))
+    trials = [(one, none), (one, gat), (other, none), (other, gat), (other, more)]
+    places = [
+        [(setting is other, entry.name) for setting, entry in alike]
+        for alike in by_entry(trials)
+    ]
+    assert places == [
+        [(False, "none"), (True, "none")],
+        [(False, "gat"), (True, "gat")],
+        [(True, "more")],
+    ]
