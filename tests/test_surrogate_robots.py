@@ -8,12 +8,15 @@ import pytest
 from gatjax import task as tasks
 from gatjax.loop.play import Hangable, Player
 from gatjax.records import JOINTS
+from gatjax.robot import model as robot_model
 from gatjax.robot import nao
 from gatjax.surrogate import ROBOTS, Robot, make_robot, start
-from gatjax.surrogate.dart import Dart, Nao
+from gatjax.surrogate import naos as darts
+from gatjax.surrogate.dart import Dart
 from gatjax.surrogate.e1 import E1, draw_body, inertials
+from gatjax.surrogate.legs import Chains, Rotors
 from gatjax.surrogate.servo import error, servo, torque
-from gatjax.surrogate.skeleton import Rotors, skeleton
+from gatjax.surrogate.skeleton import CHAIN, skeleton
 from gatjax.surrogate.stiff import Flock, build
 from gatjax.task import Task
 from gatjax.walk.parameters import NAMES, THETA0
@@ -27,9 +30,8 @@ def machine(name, task):
     body = draw_body(0)
     floor, run = start.draw_floor(body, E1), start.draw_run(body, 0, task, E1)
     pose = tasks.pose(THETA0)
-    if name == "dart":
-        return Nao(body, floor, run, pose, task)
-    return Flock(body, floor, [run], pose[None], task)
+    kind = darts.Flock if name == "dart" else Flock
+    return kind(body, floor, [run], pose[None], task)
 
 
 def stand(robot, ticks, target):
@@ -186,19 +188,25 @@ def weightless(name):
     return world, robot
 
 
+def state(robot):
+    return robot.getPositions()[None], robot.getVelocities()[None]
+
+
 def test_rotors_turn_against_their_housings_as_in_mujoco():
     """A torque on the free robot's knee moves all joints alike in both engines."""
     world, robot = weightless("rotors")
     names = [robot.getDof(index).getName() for index in range(robot.getNumDofs())]
-    rotors, knee = Rotors(robot), names.index("LKneePitch")
+    chains, knee = Chains(robot), names.index("LKneePitch")
+    rotors = Rotors(chains, *state(robot))
     weights, model = inertials(draw_body(0)), without_servos()
     data = mujoco.MjData(model)
     assert weights.mass.sum() == pytest.approx(model.body_mass.sum())
     force = np.zeros(len(names))
     force[knee] = 0.5
     for _ in range(60):
-        robot.setForces(force)
-        rotors.act(0.001)
+        position, velocity = state(robot)
+        mixed = rotors.act(chains.at(position), velocity, 0.001)
+        robot.setForces(force + mixed[0])
         world.step()
         data.qfrc_applied[model.joint("LKneePitch").dofadr[0]] = 0.5
         mujoco.mj_step(model, data)
@@ -209,6 +217,45 @@ def test_rotors_turn_against_their_housings_as_in_mujoco():
         got = turned[names.index(joint)]
         # 3 %: rotor torques lag by a step and a half of 60.
         assert got == pytest.approx(expected, abs=0.03 * scale)
+
+
+def test_legs_lie_where_dart_puts_them_and_rotors_push_their_links():
+    """Of a robot that turned and bends; forces by DART's Jacobians of all links."""
+    robot, rng = skeleton(draw_body(0)), np.random.default_rng(4)
+    count = robot.getNumDofs()
+    position = rng.uniform(-0.6, 0.6, count)
+    velocities = rng.normal(size=(2, count))
+    robot.setPositions(position)
+    chains, model = Chains(robot), robot_model.load()
+    legs = chains.at(position[None])
+    for side, foot in enumerate(("LFoot", "RFoot")):
+        frame = robot.getBodyNode(foot).getWorldTransform()
+        np.testing.assert_allclose(legs.turn[0, side], frame.rotation(), atol=1e-12)
+        np.testing.assert_allclose(legs.place[0, side], frame.translation(), atol=1e-12)
+    world, rates = dartpy.dynamics.Frame.World(), []
+    for velocity in velocities:
+        robot.setVelocities(velocity)
+        rates.append([n.getAngularVelocity(world, n) for n in robot.getBodyNodes()])
+    rotors = Rotors(chains, position[None], velocities[:1])
+    pushed = rotors.act(legs, velocities[1:], 0.001)[0]
+    change = dict(zip(links(robot), np.subtract(rates[1], rates[0]), strict=True))
+    expected = np.zeros(count)
+    for name in (side + joint for side in "LR" for joint in CHAIN):
+        child = int(model.joint(name).bodyid[0])
+        pair = [model.body(b).name for b in (child, model.body_parentid[child])]
+        axis = model.jnt_axis[model.joint(name).id]
+        inertia = model.dof_armature[model.joint(name).dofadr[0]]
+        for one, other in (pair, pair[::-1]):
+            torque_on = inertia * axis * (axis @ change[other]) / 0.002
+            node = robot.getBodyNode(one)
+            rows = range(node.getNumDependentGenCoords())
+            slots = [node.getDependentGenCoordIndex(row) for row in rows]
+            expected[slots] += node.getAngularJacobian(node).T @ torque_on
+    np.testing.assert_allclose(pushed, expected, atol=1e-9)
+
+
+def links(robot):
+    return [node.getName() for node in robot.getBodyNodes()]
 
 
 def without_servos():
@@ -272,6 +319,17 @@ def test_a_hung_robot_moves_its_joints_and_nothing_else(name, hanging):
     np.testing.assert_allclose(np.ptp(run.base.quaternion[0], axis=0), 0.0, atol=1e-6)
     knee = run.reading.angle[0, :, KNEE]
     assert np.ptp(knee) > 0.8 * np.ptp(target[:, KNEE])
+
+
+def test_a_robot_of_a_flock_that_falls_leaves_the_others_alone():
+    task, policies = Task(duration=2.0), np.tile(THETA0, (2, 1))
+    policies[0, NAMES.index("max_forward")] = 0.5
+    policies[0, NAMES.index("forward_change")] = 0.35
+    both, outcome = Dart(0, workers=1).walk(policies, [0, 1], task)
+    alone, _ = Dart(0, workers=1).walk(policies[1:], [1], task)
+    assert np.isfinite(outcome.fell_at[0]) and np.isinf(outcome.fell_at[1])
+    for one, other in zip(both.reading, alone.reading, strict=True):
+        np.testing.assert_array_equal(one[1], other[0])
 
 
 def test_hung_robots_of_both_engines_move_alike(hanging):
