@@ -12,6 +12,7 @@ import pytest
 from gatjax import loop
 from gatjax.effects.effect import memoryless
 from gatjax.loop.optimise import optimise_all
+from gatjax.runs import read_table
 from gatjax.settings import LoopSettings, SearchSettings
 from gatjax.sim.world import add_command, nominal
 from gatjax.task import Task
@@ -50,16 +51,26 @@ def test_trials_are_one_call_and_each_finds_what_it_finds_alone_on_native(tmp_pa
     both = optimise_all([job(1, "a"), job(2, "b")], settings, progress)
     assert told == [f"gat: generation {n} of 2, 2 trials" for n in (1, 2)]
     count = len(traces)
+    measured = count - traced[-1]  # traces to measure what was found
     assert traced[0] == 0 < traced[1] == traced[-1]  # in the first generation only
     again = optimise_all([job(1, "a"), job(2, "b")], settings, progress)
     assert len(traces) == count  # nothing is left to be done
     native = dataclasses.replace(settings, backend="native")
     alone = loop.optimise(job(2, "c"), native, progress)
+    assert measured == len(traces) - traced[-1]  # both trials in one program
     for one, same, other in zip(both[1], again[1], alone, strict=True):
         assert one.key == same.key == other.key
         np.testing.assert_allclose(same.policy, one.policy, atol=1e-12)
         np.testing.assert_allclose(other.policy, one.policy, atol=1e-6)
+    a, b, c = (costs(tmp_path / name) for name in "abc")
+    np.testing.assert_allclose(b, c, rtol=1e-5)
+    assert not np.allclose(a, b, rtol=1e-4)
     assert not np.allclose(both[0][1].policy, both[1][1].policy)
+
+
+def costs(folder):
+    """Of the candidates in their own worlds."""
+    return [row["simulator_cost"] for row in read_table(folder / "metrics.csv")]
 
 
 def test_trials_that_differ_in_more_than_seeds_are_refused(tmp_path):

@@ -33,17 +33,15 @@ def walked(monkeypatch):
 
     def pairs(outcome, values, policies, keys):
         seen.append((policies[:, 0].tolist(), jax.random.key_data(keys).tolist()))
-        costs = np.array([outcome[number] for number in policies[:, 0]])
+        costs = np.array([outcome(number) for number in policies[:, 0]])
         return SimpleNamespace(cost=np.repeat(costs[:, None], len(keys), 1))
 
     def run(costs, again, *numbers):
         seen.clear()
-        native = SimpleNamespace(outcome=again)
-        monkeypatch.setattr(recheck, "prepare", lambda world, name: native)
         monkeypatch.setattr(recheck, "pairs", pairs)
         job = Job(None, "gat", 0, nominal(), None, None, jax.random.key(3))
-        find = recheck.rechecking(job)
-        found = [find(number, generation(costs))[0] for number in numbers or [0]]
+        find = recheck.rechecking(again.__getitem__)
+        found = [find(job, number, generation(costs))[0] for number in numbers or [0]]
         return found[-1], list(seen)
 
     return run

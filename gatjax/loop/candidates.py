@@ -11,15 +11,15 @@ import numpy as np
 
 from gatjax import runs, search
 from gatjax.ranking import policy_costs
-from gatjax.records import Array
-from gatjax.sim.backend import pairs, prepare
+from gatjax.records import Array, Outcome
+from gatjax.sim.backend import pairs
 from gatjax.sim.world import World
 from gatjax.walk.parameters import THETA0
 
 KINDS = ("best", "mean", "rechecked")
 
-Recheck = Callable[[int, search.GenerationInfo], Array]
-"""(number of the generation, its policies and costs) -> a policy [15]."""
+Walk = Callable[..., Outcome]
+"""(values of a world, policies [B, 15], keys [B]) -> outcomes [B]."""
 
 
 class Candidate(NamedTuple):
@@ -65,18 +65,22 @@ class Job(NamedTuple):
         return self.folder / "checkpoints" / f"{self.method}_{self.iteration}"
 
 
+Recheck = Callable[[Job, int, search.GenerationInfo], Array]
+"""(search, number of a generation, its policies and costs) -> a policy [15]."""
+
+
 def write_candidates(
     job: Job,
     number: int,
     info: search.GenerationInfo,
     kinds: Sequence[str],
     seconds: float,
-    recheck: Recheck,
+    recheck: Recheck | None,
 ) -> list[Candidate]:
     """Write the candidates of one generation; see `gatjax.loop.recheck`."""
     found = {"best": info.best_policy, "mean": info.mean_policy}
-    if "rechecked" in kinds:
-        found["rechecked"] = recheck(number, info)
+    if recheck is not None and "rechecked" in kinds:
+        found["rechecked"] = recheck(job, number, info)
     candidates = [
         Candidate(job.method, job.iteration, number, kind, found[kind])
         for kind in kinds
@@ -118,7 +122,7 @@ def measured(folder: Path, column: str) -> dict[tuple, dict[str, Any]]:
     }
 
 
-def verify(job: Job, candidates: list[Candidate], rollouts: int) -> None:
+def verify(job: Job, candidates: list[Candidate], walk: Walk, rollouts: int) -> None:
     """Measure every candidate in the world it was found in, with fresh keys; once."""
     path = job.folder / "metrics.csv"
     known = measured(job.folder, "simulator_falls")
@@ -127,8 +131,7 @@ def verify(job: Job, candidates: list[Candidate], rollouts: int) -> None:
         return
     keys = jax.random.split(job.check_key, rollouts)
     policies = np.stack([candidate.policy for candidate in candidates])
-    backend = prepare(job.world, "native")
-    result = pairs(backend.outcome, job.world.values, policies, keys)
+    result = pairs(walk, job.world.values, policies, keys)
     rows = [
         candidate.key
         | {

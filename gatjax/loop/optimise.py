@@ -12,6 +12,7 @@ from gatjax import checkpoints, search
 from gatjax.loop.candidates import (
     Candidate,
     Job,
+    Recheck,
     read_candidates,
     verify,
     write_candidates,
@@ -29,6 +30,7 @@ from gatjax.loop.steps import (
 )
 from gatjax.runs import Progress
 from gatjax.settings import LoopSettings
+from gatjax.sim.backend import prepare
 from gatjax.walk.parameters import HIGH, LOW, STEP
 
 
@@ -49,9 +51,7 @@ def optimise(
         step = generation(settings, world, space, share, progress.stage)
         return apart(step, world.values)
 
-    (candidates,) = generations([job], settings, progress, build)
-    verify(job, candidates, settings.search.rollouts)
-    return candidates
+    return _found([job], settings, progress, build)[0]
 
 
 def optimise_all(
@@ -71,9 +71,20 @@ def optimise_all(
     def build(space: search.Space) -> Steps:
         return together(settings, worlds, space, progress.stage)
 
-    found = generations(jobs, settings, progress, build)
+    return _found(jobs, settings, progress, build)
+
+
+def _found(
+    jobs: Sequence[Job],
+    settings: LoopSettings,
+    progress: Progress,
+    build: Callable[[search.Space], Steps],
+) -> list[list[Candidate]]:
+    """Search in worlds that differ in values alone, and measure what is found there."""
+    walk = prepare(jobs[0].world, "native").outcome  # compiled once, for all of them
+    found = generations(jobs, settings, progress, build, recheck=rechecking(walk))
     for job, candidates in zip(jobs, found, strict=True):
-        verify(job, candidates, settings.search.rollouts)
+        verify(job, candidates, walk, settings.search.rollouts)
     return found
 
 
@@ -83,6 +94,7 @@ def generations(
     progress: Progress,
     build: Callable[[search.Space], Steps],
     unit: float = SIMULATOR_UNIT,
+    recheck: Recheck | None = None,
 ) -> list[list[Candidate]]:
     """Run the generations that are still to be run, with a checkpoint each.
 
@@ -92,6 +104,7 @@ def generations(
         progress: told of every generation.
         build: returns what runs one generation; called only if one is left.
         unit: of work, for one rollout.
+        recheck: picks the `rechecked` of a generation, where there are such.
     """
     states, firsts, found = zip(*(begun(job, settings) for job in jobs), strict=True)
     states, total = list(states), settings.search.generations
@@ -99,7 +112,7 @@ def generations(
     progress.work(work * sum(firsts))
     if min(firsts) >= total:
         return list(found)
-    step, again = build(states[0].space), [rechecking(job) for job in jobs]
+    step = build(states[0].space)
     for number in range(min(firsts), total):
         due = [index for index, first in enumerate(firsts) if first <= number]
         many = f", {len(due)} trials" if len(jobs) > 1 else ""
@@ -110,7 +123,7 @@ def generations(
         for index, (state, info) in zip(due, results, strict=True):
             states[index], job = state, jobs[index]
             info = jax.tree.map(np.asarray, info)
-            facts = settings.candidates, seconds, again[index]
+            facts = settings.candidates, seconds, recheck
             found[index].extend(write_candidates(job, number, info, *facts))
             checkpoints.save(job.checkpoints, number, state)
             progress.work(work)
