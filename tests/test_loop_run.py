@@ -99,6 +99,35 @@ def test_a_run_leaves_what_the_contract_says(done):
     assert build_report(done).stat().st_size > 50_000
 
 
+def test_trials_side_by_side_walk_together_and_each_finds_what_it_finds_alone(
+    tmp_path, monkeypatch, robot, done
+):
+    one = dataclasses.replace(SETTINGS, methods=("none",))
+    both = [one, dataclasses.replace(one, seed=1)]
+    folders = [runs.open_run(tmp_path / str(each.seed), each).path for each in both]
+    counts, walk = [], robot.walk
+
+    def counted(policies, seeds, task):
+        counts.append(len(policies))
+        assert len(set(seeds)) == len(seeds) or len(policies) < 20
+        return walk(policies, seeds, task)
+
+    monkeypatch.setattr(robot, "walk", counted)
+    loop.run_all(folders, both, robot, quiet())
+    # theta0 confirmed and shown, two logs, two times candidates, winners, best shown
+    assert counts == [20, 2, 5, 5, 8, 8, 20, 2]
+    alone = [
+        row
+        for row in without_seconds(done / "metrics.csv")
+        if row["method"] in ("none", "theta0")
+    ]
+    assert without_seconds(folders[0] / "metrics.csv") == alone
+    assert without_seconds(folders[1] / "metrics.csv") != alone
+    for folder in folders:
+        assert len(runs.read_table(folder / "evaluations.csv")) == 10 + 8 + 10
+        assert (folder / "walks" / "none_best_robot.npz").is_file()
+
+
 def _is_check(path, rows):
     """The rows that measure the candidates of a finished search in the simulator."""
     return "simulator_falls" in rows[0]

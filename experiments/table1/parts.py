@@ -62,8 +62,8 @@ def asked() -> argparse.Namespace:
 
 def ground(settings: list[Setting]) -> None:
     """Walk theta0, collect logs, learn every grounding."""
+    begin(settings)
     for setting in settings:
-        begin(setting)
         for entry in entries(setting):
             job_of(setting, entry, 0, THETA0)
 

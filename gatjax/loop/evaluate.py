@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -15,52 +16,84 @@ from gatjax.settings import CONFIRMATION, EVALUATION, seeds
 from gatjax.sim.poses import write_walk
 
 
-def walk(
-    setting: Setting, candidates: list[Candidate], with_seeds: Sequence[int], stage: str
-) -> None:
-    """Walk candidates on the robot, each with the same seeds; once."""
-    count, known = len(with_seeds), measured(setting.folder, "robot_rollouts")
-    todo = [c for c in candidates if tuple(c.key.values()) not in known]
-    if todo:
-        setting.progress.stage(f"{todo[0].method}: {stage}")
-        policies = np.repeat([c.policy for c in todo], count, axis=0)
-        every = [*with_seeds] * len(todo)
-        _, result = setting.robot.walk(policies, every, setting.task)
-        velocity = np.reshape(result.velocity, (len(todo), count))
-        fell_at = np.reshape(result.fell_at, (len(todo), count))
-        each, summaries = [], []
-        for index, candidate in enumerate(todo):
-            walks = zip(with_seeds, velocity[index], fell_at[index], strict=True)
-            each += [
-                candidate.key
-                | {"seed": seed, "velocity_m_s": float(v), "fell_at_s": float(f)}
-                for seed, v, f in walks
-            ]
-            summary = {
-                "robot_velocity_m_s": float(velocity[index].mean()),
-                "robot_falls": int(np.isfinite(fell_at[index]).sum()),
-                "robot_rollouts": count,
-            }
-            summaries.append(candidate.key | summary)
-        runs.add_rows(setting.folder / "evaluations.csv", each)
-        runs.add_rows(setting.folder / "metrics.csv", summaries)
-    setting.progress.work(ROBOT_UNIT * count * len(candidates))
+class Walks(NamedTuple):
+    """What one run has to walk on the robot: each candidate with each seed."""
+
+    setting: Setting
+    candidates: list[Candidate]
+    seeds: Sequence[int]
+
+
+def walk(asked: Sequence[Walks], stage: str) -> None:
+    """Walk candidates of runs with the same robot, all at once; once."""
+    left = [each._replace(candidates=_left(*each[:2])) for each in asked]
+    left = [each for each in left if each.candidates]
+    setting = asked[0].setting
+    if left:
+        setting.progress.stage(f"{left[0].candidates[0].method}: {stage}")
+        pairs = [
+            (candidate.policy, seed)
+            for each in left
+            for candidate in each.candidates
+            for seed in each.seeds
+        ]
+        policies, every = zip(*pairs, strict=True)
+        _, result = setting.robot.walk(np.stack(policies), every, setting.task)
+        first = 0
+        for each in left:
+            end = first + len(each.candidates) * len(each.seeds)
+            _write(each, result.velocity[first:end], result.fell_at[first:end])
+            first = end
+    count = sum(len(each.candidates) * len(each.seeds) for each in asked)
+    setting.progress.work(ROBOT_UNIT * count)
+
+
+def _left(setting: Setting, candidates: list[Candidate]) -> list[Candidate]:
+    """Return the candidates that did not walk on the robot yet."""
+    known = measured(setting.folder, "robot_rollouts")
+    return [c for c in candidates if tuple(c.key.values()) not in known]
+
+
+def _write(walked: Walks, velocity: Array, fell_at: Array) -> None:
+    """Write walks, in the order of candidates, then seeds, m/s and s, into the run."""
+    shape = len(walked.candidates), len(walked.seeds)
+    velocity, fell_at = np.reshape(velocity, shape), np.reshape(fell_at, shape)
+    each, summaries = [], []
+    for index, candidate in enumerate(walked.candidates):
+        walks = zip(walked.seeds, velocity[index], fell_at[index], strict=True)
+        each += [
+            candidate.key
+            | {"seed": seed, "velocity_m_s": float(v), "fell_at_s": float(f)}
+            for seed, v, f in walks
+        ]
+        summary = {
+            "robot_velocity_m_s": float(velocity[index].mean()),
+            "robot_falls": int(np.isfinite(fell_at[index]).sum()),
+            "robot_rollouts": len(walked.seeds),
+        }
+        summaries.append(candidate.key | summary)
+    runs.add_rows(walked.setting.folder / "evaluations.csv", each)
+    runs.add_rows(walked.setting.folder / "metrics.csv", summaries)
 
 
 def evaluate(setting: Setting, candidates: list[Candidate]) -> None:
     """Walk every candidate of a search on the robot."""
     settings = setting.settings
     drawn = seeds(EVALUATION, settings.seed, settings.evaluations)
-    walk(setting, candidates, drawn, "walk on the robot")
+    walk([Walks(setting, candidates, drawn)], "walk on the robot")
 
 
-def confirm(setting: Setting, candidate: Candidate) -> None:
-    """Walk one candidate with fresh seeds.
+def confirm(found: Sequence[tuple[Setting, Candidate]]) -> None:
+    """Walk one candidate of each run with fresh seeds.
 
-    The winner was picked on few walks, so those flatter it; these walks judge it.
+    A winner was picked on few walks, so those flatter it; these walks judge it.
     """
-    fresh = seeds(CONFIRMATION, setting.settings.seed, CONFIRMATIONS)
-    walk(setting, [candidate], fresh, "confirm on the robot")
+    fresh = [
+        Walks(run, [one], seeds(CONFIRMATION, run.settings.seed, CONFIRMATIONS))
+        for run, one in found
+    ]
+    if fresh:
+        walk(fresh, "confirm on the robot")
 
 
 def winner(setting: Setting, candidates: list[Candidate]) -> Candidate | None:
@@ -82,11 +115,16 @@ def winner(setting: Setting, candidates: list[Candidate]) -> Candidate | None:
     return candidates[max(speeds, key=speeds.__getitem__)]._replace(kind="chosen")
 
 
-def show(setting: Setting, name: str, theta: Array, label: str) -> None:
-    """Keep one walk on the robot for the animation, once."""
-    path = setting.folder / "walks" / f"{name}.npz"
-    if not path.exists():
-        one = seeds(CONFIRMATION, setting.settings.seed, 1)
-        record, _ = setting.robot.walk(theta[None], one, setting.task)
-        first = jax.tree.map(lambda leaf: np.asarray(leaf)[0], record)
-        write_walk(path, setting.world.model, first, label)
+def show(walked: Sequence[tuple[Setting, Array]], name: str, label: str) -> None:
+    """Keep one walk on the robot with each run's policy for the animation, once."""
+    path = f"walks/{name}.npz"
+    left = [each for each in walked if not (each[0].folder / path).exists()]
+    if not left:
+        return
+    settings, policies = zip(*left, strict=True)
+    ones = [seeds(CONFIRMATION, one.settings.seed, 1)[0] for one in settings]
+    setting = settings[0]
+    records, _ = setting.robot.walk(np.stack(policies), ones, setting.task)
+    for index, one in enumerate(settings):
+        each = jax.tree.map(lambda leaf, at=index: np.asarray(leaf)[at], records)
+        write_walk(one.folder / path, one.world.model, each, label)

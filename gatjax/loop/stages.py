@@ -65,25 +65,27 @@ def run_all(
     task = task_at(settings[0].rate_hz)
     world, trials = nominal(task), []
     for folder, one in zip(folders, settings, strict=True):
-        setting = Setting(folder, one, task, world, robot, progress)
-        begin(setting)
-        trials += [(setting, entry) for entry in entries(setting)]
-    for alike in by_entry(trials):
+        trials.append(Setting(folder, one, task, world, robot, progress))
+    begin(trials)
+    compared = [(setting, entry) for setting in trials for entry in entries(setting)]
+    for alike in by_entry(compared):
         name, thetas = alike[0][1].name, [THETA0] * len(alike)
         for iteration in range(settings[0].iterations):
             thetas = improve(alike, iteration, thetas)
-        for (setting, _), theta in zip(alike, thetas, strict=True):
-            label = f"best of {name} on {robot.name}"
-            show(setting, f"{name}_best_robot", theta, label)
+        best = [(trial[0], theta) for trial, theta in zip(alike, thetas, strict=True)]
+        show(best, f"{name}_best_robot", f"best of {name} on {robot.name}")
 
 
-def begin(setting: Setting) -> None:
+def begin(trials: Sequence[Setting]) -> None:
     """Name the robot, and walk theta0 on it."""
-    folder, robot = setting.folder, setting.robot
-    name_robot(folder, robot)
-    runs.write_policy(folder / "policies", "theta0", THETA0, {"by": "hand"})
-    confirm(setting, Candidate("theta0", 0, 0, "best", THETA0))
-    show(setting, "theta0_robot", THETA0, f"theta0 on {robot.name}")
+    for setting in trials:
+        name_robot(setting.folder, setting.robot)
+        theta0 = setting.folder / "policies", "theta0", THETA0
+        runs.write_policy(*theta0, {"by": "hand"})
+    first = Candidate("theta0", 0, 0, "best", THETA0)
+    confirm([(setting, first) for setting in trials])
+    label = f"theta0 on {trials[0].robot.name}"
+    show([(setting, THETA0) for setting in trials], "theta0_robot", label)
 
 
 def entries(setting: Setting) -> list[Entry]:
@@ -128,9 +130,14 @@ def improve(
         jobs = [job_of(*trial, iteration, theta) for trial, theta in each]
         setting = trials[0][0]
         found = optimise_all(jobs, setting.settings, setting.progress)
+    for ((setting, _), _), candidates in zip(each, found, strict=True):
+        evaluate(setting, candidates)
+    won = [winner(trial[0], some) for trial, some in zip(trials, found, strict=True)]
+    pairs = zip(trials, won, strict=True)
+    confirm([(trial[0], one) for trial, one in pairs if one is not None])
     return [
-        judged(setting, candidates, theta)
-        for ((setting, _), theta), candidates in zip(each, found, strict=True)
+        theta if one is None else one.policy
+        for one, theta in zip(won, thetas, strict=True)
     ]
 
 
@@ -155,13 +162,3 @@ def job_of(setting: Setting, entry: Entry, iteration: int, theta: Array) -> Job:
         key=setting.key(3, iteration),
         check_key=setting.key(4, iteration),
     )
-
-
-def judged(setting: Setting, candidates: list[Candidate], theta: Array) -> Array:
-    """Walk candidates on the robot; return the best walk, or `theta`."""
-    evaluate(setting, candidates)
-    found = winner(setting, candidates)
-    if found is None:
-        return theta
-    confirm(setting, found)
-    return found.policy

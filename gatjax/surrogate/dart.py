@@ -144,8 +144,9 @@ class Dart:
         return _join(self._shared(play_some, jobs))
 
     def _shares(self, count: int) -> list[slice]:
-        """Share runs out: TOGETHER a worker at a time, fewer where they are few."""
-        size = max(1, min(TOGETHER, math.ceil(count / self.workers)))
+        """Share runs out evenly, up to TOGETHER a worker at a time."""
+        turns = math.ceil(count / (TOGETHER * self.workers))
+        size = math.ceil(count / (turns * self.workers))
         return [slice(first, first + size) for first in range(0, count, size)]
 
     def _shared(self, run: Callable, jobs: list[tuple]) -> list:
