@@ -13,9 +13,9 @@ from gatjax.data.recording import read_recording
 from gatjax.diagnosis.start import Start
 from gatjax.grounding import prediction
 from gatjax.grounding.learn import read_grounding, with_alpha
-from gatjax.loop import explain
+from gatjax.loop import case, explain
 from gatjax.loop.ground import helpful
-from gatjax.loop.setting import Setting
+from gatjax.loop.setting import DIAGNOSIS_UNIT, Setting
 from gatjax.robot.model import HUNG
 from gatjax.settings import LoopSettings, SearchSettings
 from gatjax.sim.stored import read_world, write_world
@@ -95,7 +95,7 @@ def run(tmp_path_factory, robot):
     folder = runs.open_run(tmp_path_factory.mktemp("runs"), SETTINGS).path
     found = Diagnosis(command_delay=DELAY)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(explain, "diagnose", found)
+        patch.setattr(case, "diagnose", found)
         loop.run(folder, SETTINGS, robot, QUIET)
     return folder, found
 
@@ -106,7 +106,7 @@ def setting_of(folder, robot, tell=None):
 
 
 def opened(root, monkeypatch, diagnosis):
-    monkeypatch.setattr(explain, "diagnose", diagnosis)
+    monkeypatch.setattr(case, "diagnose", diagnosis)
     return runs.open_run(root, SETTINGS).path
 
 
@@ -193,7 +193,7 @@ def test_a_correction_is_taken_as_far_as_it_helps(robot, run, monkeypatch):
 def test_a_run_that_is_done_is_not_diagnosed_again(run, robot, tmp_path, monkeypatch):
     shutil.copytree(run[0], tmp_path / "run")
     again = Diagnosis()
-    monkeypatch.setattr(explain, "diagnose", again)
+    monkeypatch.setattr(case, "diagnose", again)
     loop.run(tmp_path / "run", SETTINGS, robot, QUIET)
     assert not again.given
 
@@ -204,7 +204,7 @@ def test_a_diagnosis_that_was_done_serves_the_run_that_goes_on(
     shutil.copytree(run[0], tmp_path / "run")
     (tmp_path / "run" / "extended.json").unlink()
     again = Diagnosis()
-    monkeypatch.setattr(explain, "diagnose", again)
+    monkeypatch.setattr(case, "diagnose", again)
     (entry,) = explain.explained(setting_of(tmp_path / "run", robot))
     assert not again.given
     assert found_in(entry.world) == ["command_delay"]
@@ -242,6 +242,49 @@ def test_what_stands_against_a_diagnosis_is_told_and_kept(
     assert not (folder / "extended.json").exists()
     told.clear()
     assert explain.explained(setting) == [] and not told
+
+
+@pytest.mark.parametrize(("cores", "told"), [(7, 0), (8, 2), (64, 2)])
+def test_trials_are_diagnosed_side_by_side_where_the_cores_suffice(
+    cores, told, run, robot, tmp_path, monkeypatch
+):
+    found, counts, work = Diagnosis(command_delay=DELAY), [], []
+
+    def in_turn(function, items, count):
+        counts.append(count)
+        return map(function, items)
+
+    monkeypatch.setattr(explain, "side_by_side", in_turn)
+    trials = []
+    for name in "ab":
+        folder = opened(tmp_path / name, monkeypatch, found)
+        logs = run[0] / "recordings", folder / "recordings"
+        shutil.copytree(*logs, dirs_exist_ok=True)
+        setting = setting_of(folder, robot)
+        progress = loop.Progress(stage=QUIET.stage, work=work.append)
+        trials.append(setting._replace(progress=progress))
+    ahead = explain.ahead(trials, cores)
+    assert ahead == {each.folder for each in trials[:told]}
+    assert (len(found.given), counts) == (told, [2] * (told > 0))
+    assert explain.ahead(trials, cores) == set() or not told  # once
+    for each in trials:
+        assert explain.explained(each, float(each.folder in ahead))
+    assert len(found.given) == 2
+    assert sum(work) == pytest.approx(2 * DIAGNOSIS_UNIT)
+
+
+def test_what_cannot_be_diagnosed_ahead_is_left_to_be_told(
+    run, robot, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(explain, "side_by_side", lambda do, items, _: map(do, items))
+    trials = []
+    for name in "ab":
+        folder = opened(tmp_path / name, monkeypatch, refuses)
+        logs = run[0] / "recordings", folder / "recordings"
+        shutil.copytree(*logs, dirs_exist_ok=True)
+        trials.append(setting_of(folder, robot))
+    assert explain.ahead(trials, 8) == set()
+    assert explain.explained(trials[0]) == []
 
 
 def test_a_robot_that_can_hang_hangs_for_its_diagnosis(tmp_path, monkeypatch):

@@ -63,15 +63,13 @@ def asked() -> argparse.Namespace:
 def ground(settings: list[Setting]) -> None:
     """Walk theta0, collect logs, learn every grounding."""
     begin(settings)
-    for setting in settings:
-        for entry in entries(setting):
-            job_of(setting, entry, 0, THETA0)
+    for setting, entry in entries(settings):
+        job_of(setting, entry, 0, THETA0)
 
 
 def search(settings: list[Setting]) -> None:
     """Search in all trials of a method at once, and measure what was found there."""
-    trials = [(setting, entry) for setting in settings for entry in entries(setting)]
-    for alike in by_entry(trials):
+    for alike in by_entry(entries(settings)):
         jobs = [job_of(*each, 0, THETA0) for each in alike]
         optimise_all(jobs, settings[0].settings, settings[0].progress)
 

@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
 
 import jax
 import numpy as np
 
-from gatjax.data import checks
 from gatjax.data.recording import Recording
-from gatjax.data.trajectories import split_by_trajectory
-from gatjax.diagnosis.diagnose import diagnose
-from gatjax.diagnosis.given import Logs
-from gatjax.diagnosis.start import Start
 from gatjax.files import read_json
 from gatjax.loop.bound import bounded
-from gatjax.loop.collect import collect, collect_motion
-from gatjax.loop.ground import HELD_OUT, STABILITY_ROLLOUTS, count_falls
-from gatjax.loop.play import Hangable, Player
+from gatjax.loop.case import Case, case_of, examine
+from gatjax.loop.collect import collect
+from gatjax.loop.ground import STABILITY_ROLLOUTS, count_falls
+from gatjax.loop.processes import side_by_side
 from gatjax.loop.setting import DIAGNOSIS_UNIT, Entry, Setting
 from gatjax.loop.staged import staged
-from gatjax.records import JOINTS
 from gatjax.robot.model import HUNG
-from gatjax.robot.nao import LIMITS
 from gatjax.runs import Progress, write_whole
 from gatjax.sim.backend import prepare
 from gatjax.sim.stored import read_world, write_world
@@ -31,27 +27,26 @@ from gatjax.walk.parameters import THETA0
 
 EXPLAINED = "explained"
 SKIPPED = "diagnosis/skipped.txt"
-FIT, HELD = ("rich", "steps_small"), ("multisine",)  # motions of the menu
 MOUNTING = "gravity_tilt"  # of a hung robot: it is left behind where it walks
-SECONDS = 14.0  # of each of them
-FIT_WALKS, HELD_WALKS = 4, 2  # of a robot that plays no motions
+CORES = 4  # that one diagnosis keeps busy: part of it is Python, in one thread
 
 
-def explained(setting: Setting) -> list[Entry]:
+def explained(setting: Setting, done: float = 0.0) -> list[Entry]:
     """Return GAT on the extended simulation; nothing where there is no such thing.
+
+    Of a diagnosis that was made `ahead` the progress has heard: all of it is done, 1.
 
     The diagnosis and its world are made once. Whatever stands against them is told in
     one line and kept in diagnosis/skipped.txt, and the run goes on without.
     """
-    file, skipped = (setting.folder / name for name in ("extended.json", SKIPPED))
-    done = 0.0
+    file, skipped = setting.folder / "extended.json", setting.folder / SKIPPED
 
     def work(share: float) -> None:
         nonlocal done
         done += share
         setting.progress.work(DIAGNOSIS_UNIT * share)
 
-    if not file.exists() and not skipped.exists():
+    if not file.exists() and not _skipped(setting):
         walks = collect(setting, setting.robot, "robot_0", THETA0)  # or try again later
         try:
             diagnosed(setting, work)
@@ -64,9 +59,13 @@ def explained(setting: Setting) -> list[Entry]:
             skipped.parent.mkdir(exist_ok=True)
             write_whole({skipped: f"{reason}\n".encode()})
     work(1.0 - done)
-    if skipped.exists():
+    if _skipped(setting):
         return []
     return [Entry(EXPLAINED, "gat", read_world(file, setting.task)[0])]
+
+
+def _skipped(setting: Setting) -> bool:
+    return (setting.folder / SKIPPED).exists()
 
 
 def diagnosed(setting: Setting, work: Callable[[float], None]) -> None:
@@ -75,44 +74,52 @@ def diagnosed(setting: Setting, work: Callable[[float], None]) -> None:
     Raises:
         ValueError: one line: its logs cannot carry a diagnosis.
     """
-    folder = setting.folder / "diagnosis"
-    if (folder / "diagnosis.json").exists():
+    if _is_diagnosed(setting):
         return
-    model, fit, held = logs(setting)
-    ranges = {
-        joint: (float(low), float(high))
-        for joint, (low, high) in zip(JOINTS, LIMITS, strict=True)
-    }
-    found = checks.trusted(fit, ranges, "fit")
-    found += checks.trusted(held, ranges, "held-out")
     stage = setting.progress.stage
     tell = staged(Progress(lambda text: stage(f"diagnosis: {text}"), work))
-    rows = checks.summary(list(zip([*fit, *held], found, strict=True)))
-    diagnose(Start(model), Logs(fit, held, rows), folder, setting.settings.seed, tell)
+    examine(case_of(setting), tell)
 
 
-def logs(setting: Setting) -> tuple[str, list[Recording], list[Recording]]:
-    """The model, recordings to explain, and others to measure the gain on.
+def _is_diagnosed(setting: Setting) -> bool:
+    return (setting.folder / "diagnosis" / "diagnosis.json").exists()
 
-    A robot that can hang plays motions that move every joint far; one that can only
-    stand plays those that it can bear. Of any other one, walks with theta0 have to do;
-    none that later tests the prediction is fitted.
+
+def ahead(trials: Sequence[Setting], cores: int) -> set[Path]:
+    """Diagnose the robot in several trials side by side, where the cores suffice.
+
+    What cannot be diagnosed is left to `explained`, which says why.
+
+    Returns:
+        Run folders whose diagnoses the progress has heard of.
     """
-    robot, model = setting.robot, setting.world.source
-    if isinstance(robot, Hangable):
-        robot, model = robot.hung(), HUNG
-    if isinstance(robot, Player):
-        fit, held = (
-            [collect_motion(setting, robot, name, SECONDS) for name in names]
-            for names in (FIT, HELD)
-        )
-        return model, fit, held
-    walks = collect(setting, robot, "robot_0", THETA0)
-    seen, unseen = split_by_trajectory(
-        walks.trajectory, HELD_OUT, setting.settings.seed
-    )
-    fit, held = _only(walks, seen[:FIT_WALKS]), _only(walks, unseen[:HELD_WALKS])
-    return model, [fit], [held]
+    left = [each for each in trials if not (_is_diagnosed(each) or _skipped(each))]
+    count, told = min(len(left), cores // CORES), set()
+    if count < 2:
+        return told
+    cases, progress = [case_of(setting) for setting in left], trials[0].progress
+    text = f"diagnose {len(left)} trials, {count} side by side"
+    progress.stage(text)
+    try:
+        for done, folder in enumerate(side_by_side(_try, cases, count), 1):
+            progress.stage(f"{text}: {done} done")
+            if folder is not None:
+                told.add(folder)
+                progress.work(DIAGNOSIS_UNIT)
+    except BrokenProcessPool:
+        progress.stage("a diagnosis was killed (each needs 2 GB); go on one by one")
+    return told
+
+
+def _try(case: Case) -> Path | None:
+    """Diagnose and return the run folder, if the logs can carry it."""
+    try:
+        examine(case, lambda stage, share: None)
+    except np.linalg.LinAlgError:
+        raise
+    except ValueError:
+        return None
+    return case.folder.parent
 
 
 def extended(setting: Setting, walks: Recording) -> World:
@@ -161,13 +168,3 @@ def _stand(setting: Setting, world: World, text: str) -> None:
             f"theta0 falls in {falls} of {STABILITY_ROLLOUTS} walks in the simulation "
             f"{text}"
         )
-
-
-def _only(recording: Recording, ids: np.ndarray) -> Recording:
-    """Some trajectories of a recording."""
-    kept = np.isin(recording.trajectory, ids)
-    return recording._replace(
-        time=recording.time[kept],
-        trajectory=recording.trajectory[kept],
-        columns={name: values[kept] for name, values in recording.columns.items()},
-    )

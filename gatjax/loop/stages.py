@@ -11,13 +11,13 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from gatjax import runs
+from gatjax import processors, runs
 from gatjax.data.recording import Recording
 from gatjax.grounding.learn import grounded
 from gatjax.loop.candidates import Candidate, Job
 from gatjax.loop.collect import collect
 from gatjax.loop.evaluate import confirm, evaluate, show, winner
-from gatjax.loop.explain import explained
+from gatjax.loop.explain import ahead, explained
 from gatjax.loop.ground import ground
 from gatjax.loop.optimise import optimise_all
 from gatjax.loop.oracle import oracle
@@ -67,7 +67,7 @@ def run_all(
     for folder, one in zip(folders, settings, strict=True):
         trials.append(Setting(folder, one, task, world, robot, progress))
     begin(trials)
-    compared = [(setting, entry) for setting in trials for entry in entries(setting)]
+    compared = entries(trials)
     for alike in by_entry(compared):
         name, thetas = alike[0][1].name, [THETA0] * len(alike)
         for iteration in range(settings[0].iterations):
@@ -88,10 +88,16 @@ def begin(trials: Sequence[Setting]) -> None:
     show([(setting, THETA0) for setting in trials], "theta0_robot", label)
 
 
-def entries(setting: Setting) -> list[Entry]:
+def entries(trials: Sequence[Setting]) -> list[tuple[Setting, Entry]]:
     """What is compared: the methods, and GAT on what a diagnosis leaves."""
-    found = [Entry(name, name, setting.world) for name in setting.settings.methods]
-    return found + (explained(setting) if setting.settings.explain else [])
+    explain, found = trials[0].settings.explain, []
+    told = ahead(trials, len(processors.usable())) if explain else set()
+    for setting in trials:
+        methods = setting.settings.methods
+        own = [Entry(name, name, setting.world) for name in methods]
+        own += explained(setting, float(setting.folder in told)) if explain else []
+        found += [(setting, entry) for entry in own]
+    return found
 
 
 def by_entry(
