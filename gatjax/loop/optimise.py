@@ -107,11 +107,13 @@ def generations(
         recheck: picks the `rechecked` of a generation, where there are such.
     """
     states, firsts, found = zip(*(begun(job, settings) for job in jobs), strict=True)
-    states, total = list(states), settings.search.generations
-    work = unit * (settings.search.walks + rechecks(settings.candidates))
+    states, found = list(states), list(found)
+    total = settings.search.generations
+    kinds = settings.candidates
+    work = unit * (settings.search.walks + rechecks(kinds))
     progress.work(work * sum(firsts))
     if min(firsts) >= total:
-        return list(found)
+        return found
     step = build(states[0].space)
     for number in range(min(firsts), total):
         due = [index for index, first in enumerate(firsts) if first <= number]
@@ -123,11 +125,10 @@ def generations(
         for index, (state, info) in zip(due, results, strict=True):
             states[index], job = state, jobs[index]
             info = jax.tree.map(np.asarray, info)
-            facts = settings.candidates, seconds, recheck
-            found[index].extend(write_candidates(job, number, info, *facts))
+            found[index] += write_candidates(job, number, info, kinds, seconds, recheck)
             checkpoints.save(job.checkpoints, number, state)
             progress.work(work)
-    return list(found)
+    return found
 
 
 def begun(
