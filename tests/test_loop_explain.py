@@ -3,6 +3,8 @@
 import dataclasses
 import json
 import shutil
+from concurrent.futures.process import BrokenProcessPool
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -244,47 +246,93 @@ def test_what_stands_against_a_diagnosis_is_told_and_kept(
     assert explain.explained(setting) == [] and not told
 
 
-@pytest.mark.parametrize(("cores", "told"), [(7, 0), (8, 2), (64, 2)])
-def test_trials_are_diagnosed_side_by_side_where_the_cores_suffice(
-    cores, told, run, robot, tmp_path, monkeypatch
-):
-    found, counts, work = Diagnosis(command_delay=DELAY), [], []
+class InTurn:
+    """Workers that work in this process."""
 
-    def in_turn(function, items, count):
-        counts.append(count)
-        return map(function, items)
+    counts: ClassVar[list[int]] = []
 
-    monkeypatch.setattr(explain, "side_by_side", in_turn)
-    trials = []
-    for name in "ab":
-        folder = opened(tmp_path / name, monkeypatch, found)
-        logs = run[0] / "recordings", folder / "recordings"
-        shutil.copytree(*logs, dirs_exist_ok=True)
-        setting = setting_of(folder, robot)
-        progress = loop.Progress(stage=QUIET.stage, work=work.append)
-        trials.append(setting._replace(progress=progress))
+    def __init__(self, count, shares):
+        self.counts.append(count)
+
+    def results(self, function, jobs):
+        return ((place, function(*job)) for place, job in enumerate(jobs))
+
+    def close(self):
+        pass
+
+
+@pytest.fixture
+def pair(run, robot, tmp_path, monkeypatch):
+    """Builds two trials with logs; what the progress hears of is kept."""
+    InTurn.counts.clear()
+    monkeypatch.setattr(explain, "Workers", InTurn)
+    told, work = [], []
+
+    def build(diagnosis):
+        trials = []
+        for name in "ab":
+            folder = opened(tmp_path / name, monkeypatch, diagnosis)
+            logs = run[0] / "recordings", folder / "recordings"
+            shutil.copytree(*logs, dirs_exist_ok=True)
+            progress = loop.Progress(stage=told.append, work=work.append)
+            trials.append(setting_of(folder, robot)._replace(progress=progress))
+        return trials, told, work
+
+    return build
+
+
+@pytest.mark.parametrize(("cores", "count"), [(7, 0), (8, 2), (64, 2)])
+def test_trials_are_diagnosed_side_by_side_where_the_cores_suffice(cores, count, pair):
+    found = Diagnosis(command_delay=DELAY)
+    trials, _, work = pair(found)
     ahead = explain.ahead(trials, cores)
-    assert ahead == {each.folder for each in trials[:told]}
-    assert (len(found.given), counts) == (told, [2] * (told > 0))
-    assert explain.ahead(trials, cores) == set() or not told  # once
+    assert ahead == {each.folder for each in trials[:count]}
+    assert (len(found.given), InTurn.counts) == (count, [2] * (count > 0))
     for each in trials:
-        assert explain.explained(each, float(each.folder in ahead))
+        assert explain.explained(each, 1.0 if each.folder in ahead else 0.0)
     assert len(found.given) == 2
+    assert sum(work) == pytest.approx(2 * DIAGNOSIS_UNIT)
+    assert explain.ahead(trials, cores) == set()  # they are done
+    assert len(InTurn.counts) == (count > 0)
+
+
+def test_what_cannot_be_diagnosed_ahead_is_told_once(pair):
+    trials, told, work = pair(refuses)
+    assert explain.ahead(trials, 8) == {each.folder for each in trials}
+    said = [text for text in told if text.startswith("no GAT after diagnosis")]
+    assert said == ["no GAT after diagnosis: the robot falls in every log"] * 2
+    for each in trials:
+        assert (each.folder / explain.SKIPPED).read_text().startswith("the robot falls")
+        assert explain.explained(each, 1.0) == []
     assert sum(work) == pytest.approx(2 * DIAGNOSIS_UNIT)
 
 
-def test_what_cannot_be_diagnosed_ahead_is_left_to_be_told(
-    run, robot, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(explain, "side_by_side", lambda do, items, _: map(do, items))
-    trials = []
-    for name in "ab":
-        folder = opened(tmp_path / name, monkeypatch, refuses)
-        logs = run[0] / "recordings", folder / "recordings"
-        shutil.copytree(*logs, dirs_exist_ok=True)
-        trials.append(setting_of(folder, robot))
-    assert explain.ahead(trials, 8) == set()
-    assert explain.explained(trials[0]) == []
+def test_a_trial_without_logs_leaves_the_others_alone(pair, monkeypatch):
+    trials, told, _ = pair(Diagnosis(command_delay=DELAY))
+    collect = case.collect_motion
+
+    def fails(setting, *what):
+        if setting is trials[0]:
+            raise ValueError("no row before a fall")
+        return collect(setting, *what)
+
+    monkeypatch.setattr(case, "collect_motion", fails)
+    assert explain.ahead(trials, 8) == {trials[1].folder}
+    assert told[0] == "no GAT after diagnosis: no row before a fall"
+    assert [len(explain.explained(each)) for each in trials] == [0, 1]
+
+
+def test_a_diagnosis_that_dies_leaves_them_to_be_made_one_by_one(pair, monkeypatch):
+    trials, told, _ = pair(Diagnosis(command_delay=DELAY))
+
+    def dies(workers, function, jobs):
+        yield 0, function(*jobs[0])
+        raise BrokenProcessPool
+
+    monkeypatch.setattr(InTurn, "results", dies)
+    assert explain.ahead(trials, 8) == {trials[0].folder}
+    assert "one by one" in told[-1]
+    assert explain.explained(trials[1])
 
 
 def test_a_robot_that_can_hang_hangs_for_its_diagnosis(tmp_path, monkeypatch):

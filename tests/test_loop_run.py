@@ -105,17 +105,18 @@ def test_trials_side_by_side_walk_together_and_each_finds_what_it_finds_alone(
     one = dataclasses.replace(SETTINGS, methods=("none",))
     both = [one, dataclasses.replace(one, seed=1)]
     folders = [runs.open_run(tmp_path / str(each.seed), each).path for each in both]
-    counts, walk = [], robot.walk
+    told, walk = [], robot.walk
 
-    def counted(policies, seeds, task):
-        counts.append(len(policies))
-        assert len(set(seeds)) == len(seeds) or len(policies) < 20
+    def heard(policies, seeds, task):
+        told.append(list(seeds))
         return walk(policies, seeds, task)
 
-    monkeypatch.setattr(robot, "walk", counted)
+    monkeypatch.setattr(robot, "walk", heard)
     loop.run_all(folders, both, robot, quiet())
     # theta0 confirmed and shown, two logs, two times candidates, winners, best shown
-    assert counts == [20, 2, 5, 5, 8, 8, 20, 2]
+    assert [len(seeds) for seeds in told] == [20, 2, 5, 5, 8, 8, 20, 2]
+    for seeds in (told[0], told[1], told[6], told[7]):  # of both trials, all different
+        assert len(set(seeds)) == len(seeds)
     alone = [
         row
         for row in without_seconds(done / "metrics.csv")

@@ -64,6 +64,11 @@ def test_the_same_seeds_give_the_same_walk_and_others_do_not(name):
     assert np.any(first[0].base.position != another[0].base.position)
 
 
+def test_dart_wants_a_seed_for_each_run():
+    with pytest.raises(ValueError, match="1 seeds for 2 runs; give one for each"):
+        make_robot("dart").walk(np.tile(THETA0, (2, 1)), [3], SHORT)
+
+
 def test_dart_does_not_depend_on_the_number_of_workers():
     policies = np.tile(THETA0, (3, 1))
     one, two = Dart(0, workers=1), Dart(0, workers=2)

@@ -68,7 +68,10 @@ def solve(
         KeyboardInterrupt: Ctrl-C; the processes are stopped, what is done is kept.
     """
     running: set[subprocess.Popen[bytes]] = set()
-    stopped, free = threading.Event(), _shares(jobs)
+    stopped = threading.Event()
+    free: queue.SimpleQueue[set[int]] = queue.SimpleQueue()
+    for share in processors.shares(jobs) or [set()] * jobs:
+        free.put(share)
 
     def one(case: Case) -> float:
         if stopped.is_set():
@@ -81,11 +84,11 @@ def solve(
                 command(solver, case, folder, seed), stdout=log, stderr=log
             )
             running.add(process)
-            processors = free.get()
-            if processors and process.poll() is None:  # before it counts them
-                os.sched_setaffinity(process.pid, processors)
+            share = free.get()
+            if share and process.poll() is None:  # before it counts them
+                os.sched_setaffinity(process.pid, share)
             code = process.wait()
-            free.put(processors)
+            free.put(share)
             running.discard(process)
         seconds = round(time.monotonic() - begun, 2)
         lines = (folder / "log.txt").read_text(errors="replace").split("\n")
@@ -107,18 +110,6 @@ def solve(
             for process in list(running):
                 _stop(process)
             raise
-
-
-def _shares(jobs: int) -> queue.SimpleQueue[set[int]]:
-    """Processors of each job, where the system can tell; else none, which is any.
-
-    Threads of one process cost a fifth more where another one wants the processor too.
-    """
-    every = processors.usable() if hasattr(os, "sched_setaffinity") else []
-    free: queue.SimpleQueue[set[int]] = queue.SimpleQueue()
-    for job in range(jobs):
-        free.put(set(every[job::jobs]))
-    return free
 
 
 def command(solver: Solver, case: Case, folder: Path, seed: int) -> list[str]:

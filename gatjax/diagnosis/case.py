@@ -23,7 +23,6 @@ from gatjax.robot.model import joint_names
 
 PASSES, RESTS = 3, 3.0  # over the loads of the fitted motion; nats that end them
 PULLS = (10.0, 30.0)  # 1/s, of a pulled joint towards its measured motion
-THREADS = len(processors.usable())
 LED_ASTRAY = 5.0  # times the noise that a fit leaves: loads along its motion are worse
 
 
@@ -243,7 +242,7 @@ def mapped(
 ) -> list:
     """Apply a function to items on all cores, in order; tell the share that is done."""
     results = []
-    with ThreadPoolExecutor(THREADS) as pool:
+    with ThreadPoolExecutor(len(processors.usable())) as pool:
         for result in pool.map(function, items):
             results.append(result)
             tell(len(results) / len(items))

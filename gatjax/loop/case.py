@@ -60,6 +60,17 @@ def examine(case: Case, tell: Tell) -> None:
     diagnose(Start(case.model), given, case.folder, case.seed, tell)
 
 
+def tried(case: Case) -> str | None:
+    """Diagnose; return what stands against it."""
+    try:
+        examine(case, lambda stage, share: None)
+    except np.linalg.LinAlgError:
+        raise
+    except ValueError as error:
+        return str(error)
+    return None
+
+
 def logs(setting: Setting) -> tuple[str, list[Recording], list[Recording]]:
     """The model, recordings to explain, and others to measure the gain on.
 

@@ -25,8 +25,11 @@ class Walks(NamedTuple):
 
 
 def walk(asked: Sequence[Walks], stage: str) -> None:
-    """Walk candidates of runs with the same robot, all at once; once."""
-    left = [each._replace(candidates=_left(*each[:2])) for each in asked]
+    """Walk candidates of runs with the same robot, once, in one call of the robot.
+
+    It is kept when all of them have walked.
+    """
+    left = [each._replace(candidates=_left(each)) for each in asked]
     left = [each for each in left if each.candidates]
     setting = asked[0].setting
     if left:
@@ -48,10 +51,10 @@ def walk(asked: Sequence[Walks], stage: str) -> None:
     setting.progress.work(ROBOT_UNIT * count)
 
 
-def _left(setting: Setting, candidates: list[Candidate]) -> list[Candidate]:
+def _left(asked: Walks) -> list[Candidate]:
     """Return the candidates that did not walk on the robot yet."""
-    known = measured(setting.folder, "robot_rollouts")
-    return [c for c in candidates if tuple(c.key.values()) not in known]
+    known = measured(asked.setting.folder, "robot_rollouts")
+    return [c for c in asked.candidates if tuple(c.key.values()) not in known]
 
 
 def _write(walked: Walks, velocity: Array, fell_at: Array) -> None:
@@ -115,16 +118,16 @@ def winner(setting: Setting, candidates: list[Candidate]) -> Candidate | None:
     return candidates[max(speeds, key=speeds.__getitem__)]._replace(kind="chosen")
 
 
-def show(walked: Sequence[tuple[Setting, Array]], name: str, label: str) -> None:
+def show(wanted: Sequence[tuple[Setting, Array]], name: str, label: str) -> None:
     """Keep one walk on the robot with each run's policy for the animation, once."""
     path = f"walks/{name}.npz"
-    left = [each for each in walked if not (each[0].folder / path).exists()]
+    left = [(run, theta) for run, theta in wanted if not (run.folder / path).exists()]
     if not left:
         return
-    settings, policies = zip(*left, strict=True)
-    ones = [seeds(CONFIRMATION, one.settings.seed, 1)[0] for one in settings]
-    setting = settings[0]
-    records, _ = setting.robot.walk(np.stack(policies), ones, setting.task)
-    for index, one in enumerate(settings):
-        each = jax.tree.map(lambda leaf, at=index: np.asarray(leaf)[at], records)
-        write_walk(one.folder / path, one.world.model, each, label)
+    trials, policies = zip(*left, strict=True)
+    ones = [seeds(CONFIRMATION, run.settings.seed, 1)[0] for run in trials]
+    robot, task = trials[0].robot, trials[0].task
+    walks, _ = robot.walk(np.stack(policies), ones, task)
+    for index, run in enumerate(trials):
+        walk = jax.tree.map(lambda leaf, at=index: np.asarray(leaf)[at], walks)
+        write_walk(run.folder / path, run.world.model, walk, label)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import jax
@@ -12,20 +13,22 @@ import numpy as np
 from gatjax.data.recording import Recording
 from gatjax.files import read_json
 from gatjax.loop.bound import bounded
-from gatjax.loop.case import Case, case_of, examine
+from gatjax.loop.case import case_of, examine, tried
 from gatjax.loop.collect import collect
 from gatjax.loop.ground import STABILITY_ROLLOUTS, count_falls
-from gatjax.loop.processes import side_by_side
 from gatjax.loop.setting import DIAGNOSIS_UNIT, Entry, Setting
 from gatjax.loop.staged import staged
+from gatjax.processors import shares
 from gatjax.robot.model import HUNG
 from gatjax.runs import Progress, write_whole
 from gatjax.sim.backend import prepare
 from gatjax.sim.stored import read_world, write_world
 from gatjax.sim.world import World, add_rows
 from gatjax.walk.parameters import THETA0
+from gatjax.workers import Workers
 
 EXPLAINED = "explained"
+EXTENDED, DIAGNOSED = "extended.json", "diagnosis/diagnosis.json"  # in the run folder
 SKIPPED = "diagnosis/skipped.txt"
 MOUNTING = "gravity_tilt"  # of a hung robot: it is left behind where it walks
 CORES = 4  # that one diagnosis keeps busy: part of it is Python, in one thread
@@ -34,38 +37,44 @@ CORES = 4  # that one diagnosis keeps busy: part of it is Python, in one thread
 def explained(setting: Setting, done: float = 0.0) -> list[Entry]:
     """Return GAT on the extended simulation; nothing where there is no such thing.
 
-    Of a diagnosis that was made `ahead` the progress has heard: all of it is done, 1.
-
     The diagnosis and its world are made once. Whatever stands against them is told in
     one line and kept in diagnosis/skipped.txt, and the run goes on without.
+
+    Args:
+        setting: of the trial.
+        done: share of the diagnosis that the progress has heard of.
     """
-    file, skipped = setting.folder / "extended.json", setting.folder / SKIPPED
+    file, skipped = setting.folder / EXTENDED, setting.folder / SKIPPED
 
     def work(share: float) -> None:
         nonlocal done
         done += share
         setting.progress.work(DIAGNOSIS_UNIT * share)
 
-    if not file.exists() and not _skipped(setting):
+    if not file.exists() and not skipped.exists():
         walks = collect(setting, setting.robot, "robot_0", THETA0)  # or try again later
-        try:
+        with _skipping(setting):
             diagnosed(setting, work)
             write_world(file, extended(setting, walks), {"verb": "run"}, None)
-        except np.linalg.LinAlgError:
-            raise
-        except ValueError as error:
-            reason = " ".join(str(error).split())
-            setting.progress.stage(f"no GAT after diagnosis: {reason}")
-            skipped.parent.mkdir(exist_ok=True)
-            write_whole({skipped: f"{reason}\n".encode()})
     work(1.0 - done)
-    if _skipped(setting):
+    if skipped.exists():
         return []
     return [Entry(EXPLAINED, "gat", read_world(file, setting.task)[0])]
 
 
-def _skipped(setting: Setting) -> bool:
-    return (setting.folder / SKIPPED).exists()
+@contextmanager
+def _skipping(setting: Setting) -> Iterator[None]:
+    """Tell and keep what stands against a diagnosis in the block, and go on."""
+    try:
+        yield
+    except np.linalg.LinAlgError:
+        raise
+    except ValueError as error:
+        reason = " ".join(str(error).split())
+        setting.progress.stage(f"no GAT after diagnosis: {reason}")
+        file = setting.folder / SKIPPED
+        file.parent.mkdir(exist_ok=True)
+        write_whole({file: f"{reason}\n".encode()})
 
 
 def diagnosed(setting: Setting, work: Callable[[float], None]) -> None:
@@ -74,52 +83,49 @@ def diagnosed(setting: Setting, work: Callable[[float], None]) -> None:
     Raises:
         ValueError: one line: its logs cannot carry a diagnosis.
     """
-    if _is_diagnosed(setting):
+    if (setting.folder / DIAGNOSED).exists():
         return
     stage = setting.progress.stage
     tell = staged(Progress(lambda text: stage(f"diagnosis: {text}"), work))
     examine(case_of(setting), tell)
 
 
-def _is_diagnosed(setting: Setting) -> bool:
-    return (setting.folder / "diagnosis" / "diagnosis.json").exists()
+def _decided(setting: Setting) -> bool:
+    """Return whether there is a diagnosis, or something that stands against one."""
+    known = DIAGNOSED, EXTENDED, SKIPPED
+    return any((setting.folder / name).exists() for name in known)
 
 
 def ahead(trials: Sequence[Setting], cores: int) -> set[Path]:
     """Diagnose the robot in several trials side by side, where the cores suffice.
 
-    What cannot be diagnosed is left to `explained`, which says why.
-
     Returns:
-        Run folders whose diagnoses the progress has heard of.
+        Run folders whose diagnoses are done, and told to the progress.
     """
-    left = [each for each in trials if not (_is_diagnosed(each) or _skipped(each))]
-    count, told = min(len(left), cores // CORES), set()
+    left = [each for each in trials if not _decided(each)]
+    count, told, progress = min(len(left), cores // CORES), set(), trials[0].progress
     if count < 2:
         return told
-    cases, progress = [case_of(setting) for setting in left], trials[0].progress
-    text = f"diagnose {len(left)} trials, {count} side by side"
+    cases = []
+    for setting in left:
+        with _skipping(setting):
+            cases.append((setting, case_of(setting)))
+    text = f"diagnose {len(cases)} trials, {count} side by side"
     progress.stage(text)
+    jobs = [(case,) for _, case in cases]
     try:
-        for done, folder in enumerate(side_by_side(_try, cases, count), 1):
-            progress.stage(f"{text}: {done} done")
-            if folder is not None:
-                told.add(folder)
+        with closing(Workers(count, shares(count))) as workers:
+            for place, reason in workers.results(tried, jobs):
+                setting = cases[place][0]
+                with _skipping(setting):
+                    if reason is not None:
+                        raise ValueError(reason)
+                told.add(setting.folder)
                 progress.work(DIAGNOSIS_UNIT)
+                progress.stage(f"{text}: {len(told)} done")
     except BrokenProcessPool:
-        progress.stage("a diagnosis was killed (each needs 2 GB); go on one by one")
+        progress.stage("a diagnosis died (each needs 2 GB of memory): one by one then")
     return told
-
-
-def _try(case: Case) -> Path | None:
-    """Diagnose and return the run folder, if the logs can carry it."""
-    try:
-        examine(case, lambda stage, share: None)
-    except np.linalg.LinAlgError:
-        raise
-    except ValueError:
-        return None
-    return case.folder.parent
 
 
 def extended(setting: Setting, walks: Recording) -> World:

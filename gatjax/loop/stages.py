@@ -95,7 +95,8 @@ def entries(trials: Sequence[Setting]) -> list[tuple[Setting, Entry]]:
     for setting in trials:
         methods = setting.settings.methods
         own = [Entry(name, name, setting.world) for name in methods]
-        own += explained(setting, float(setting.folder in told)) if explain else []
+        if explain:
+            own += explained(setting, 1.0 if setting.folder in told else 0.0)
         found += [(setting, entry) for entry in own]
     return found
 

@@ -6,11 +6,8 @@ What it is made of is in `naos`; here its runs are shared out to worker processe
 from __future__ import annotations
 
 import math
-import signal
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Sequence, Sized
 from functools import lru_cache, partial
-from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
@@ -25,6 +22,7 @@ from gatjax.surrogate.hung import Hung
 from gatjax.surrogate.naos import Flock, HungFlock
 from gatjax.surrogate.start import Floor, draw_floor, draw_run, playing
 from gatjax.task import Task
+from gatjax.workers import Workers
 
 TOGETHER = 8  # robots that a worker takes at once; what they share costs once
 
@@ -60,10 +58,6 @@ def play_some(
     return course.play(machine, E1, body, runs, targets, task)
 
 
-def _leave_interrupts_to_the_parent() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
 class Dart:
     """The robot `dart`: one body of the series; see `gatjax.surrogate.make_robot`."""
 
@@ -73,7 +67,7 @@ class Dart:
         """Choose a body; `workers` processes (default: all cores) share the runs."""
         self.body_seed = body_seed
         self.workers = workers or len(processors.usable())
-        self._pool: ProcessPoolExecutor | None = None
+        self._processes = Workers(self.workers)
 
     def constants(self) -> dict:
         """Return what `robot.json` says about this robot."""
@@ -99,7 +93,7 @@ class Dart:
         task = task or Task()
         jobs = [
             (self.body_seed, policies[some], seeds[some], task)
-            for some in self._shares(len(policies))
+            for some in self._shares(policies, seeds)
         ]
         walks, verdicts = zip(*self._shared(walk_some, jobs), strict=True)
         return _join(walks), _join(verdicts)
@@ -139,12 +133,15 @@ class Dart:
     ) -> Trajectory:
         jobs = [
             (kind, self.body_seed, targets[some], rate_hz, seeds[some])
-            for some in self._shares(len(targets))
+            for some in self._shares(targets, seeds)
         ]
         return _join(self._shared(play_some, jobs))
 
-    def _shares(self, count: int) -> list[slice]:
+    def _shares(self, each: Sized, seeds: Sized) -> list[slice]:
         """Share runs out evenly, up to TOGETHER a worker at a time."""
+        count = len(each)
+        if count != len(seeds):
+            raise ValueError(f"{len(seeds)} seeds for {count} runs; give one for each")
         turns = math.ceil(count / (TOGETHER * self.workers))
         size = math.ceil(count / (turns * self.workers))
         return [slice(first, first + size) for first in range(0, count, size)]
@@ -153,27 +150,12 @@ class Dart:
         """Run jobs in the worker processes; in this one if there is only one."""
         if min(self.workers, len(jobs)) == 1:
             return [run(*job) for job in jobs]
-        try:
-            return list(self._workers().map(run, *zip(*jobs, strict=True)))
-        except BaseException:
-            self.close()
-            raise
-
-    def _workers(self) -> ProcessPoolExecutor:
-        """Return the worker processes; they start once and serve all later walks."""
-        if self._pool is None:
-            self._pool = ProcessPoolExecutor(
-                self.workers,
-                mp_context=get_context("spawn"),
-                initializer=_leave_interrupts_to_the_parent,
-            )
-        return self._pool
+        found = dict(self._processes.results(run, jobs))
+        return [found[place] for place in range(len(jobs))]
 
     def close(self) -> None:
-        """End the worker processes; runs that wait are dropped."""
-        if self._pool is not None:
-            self._pool.shutdown(wait=True, cancel_futures=True)
-            self._pool = None
+        """End the worker processes."""
+        self._processes.close()
 
 
 def _join(parts: Sequence[Any]) -> Any:

@@ -20,7 +20,7 @@ from gatjax.surrogate.e1 import E1, Body, nominal
 from gatjax.surrogate.hung import hung_state
 from gatjax.surrogate.legs import PLACE, TURN, Chains, Rotors
 from gatjax.surrogate.plates import CORNERS, Ground
-from gatjax.surrogate.servo import COUPLED, Servo, encode, error, servo, torque
+from gatjax.surrogate.servo import COUPLED, encode, error, servo, torque
 from gatjax.surrogate.skeleton import TORSO, skeleton
 from gatjax.surrogate.start import Floor, Run, first_state
 from gatjax.task import Task
@@ -42,7 +42,9 @@ class Flock:
         self.substeps = round(task.control_period / STEP)
         self.robots = [skeleton(body) for _ in runs]
         self.torsos = [robot.getBodyNode(TORSO) for robot in self.robots]
-        self.motors = self._wire()
+        self._wire()
+        self.motors = servo(E1)
+        self._rub()
         self.ground = Ground(floor, len(runs))
         self.worlds = [
             _world(robot, plates)
@@ -53,23 +55,23 @@ class Flock:
         self.rotors = Rotors(self.chains, *self._state())
         self._prepare(poses)
 
-    def _wire(self) -> Servo:
-        """Find the joints in DART's vectors, by name; return the motors' numbers."""
+    def _wire(self) -> None:
+        """Find the joints in DART's vectors, by name."""
         robot, model = self.robots[0], nominal()
         names = [robot.getDof(index).getName() for index in range(robot.getNumDofs())]
         self.slots = np.array([names.index(name) for name in JOINTS])
-        self.twin = names.index(FOLLOWER)
-        motors = servo(E1)
-        for name in names[PLACE:]:
-            motor = JOINTS.index(name.replace(FOLLOWER, JOINTS[COUPLED]))
-            sides = 2 if motor == COUPLED else 1  # one motor, friction on both sides
-            for robot in self.robots:
-                joint = robot.getJoint(name)
-                joint.setCoulombFriction(0, motors.friction[motor] / sides)
-        bent = [model.joint(name).qposadr[0] for name in names[PLACE:]]
+        self.twin, self.bent = names.index(FOLLOWER), names[PLACE:]
+        bent = [model.joint(name).qposadr[0] for name in self.bent]
         self.from_model = np.array(bent)
         self.imu = model.site("imu").pos
-        return motors
+
+    def _rub(self) -> None:
+        """Give the joints dry friction; that of one motor acts on both sides."""
+        for name in self.bent:
+            motor = JOINTS.index(name.replace(FOLLOWER, JOINTS[COUPLED]))
+            friction = self.motors.friction[motor] / (2 if motor == COUPLED else 1)
+            for robot in self.robots:
+                robot.getJoint(name).setCoulombFriction(0, friction)
 
     def _begin(self, poses: np.ndarray, runs: list[Run], floor: Floor) -> None:
         """Put the robots down."""

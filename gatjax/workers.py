@@ -1,0 +1,107 @@
+"""Worker processes on the CPU, deaf to Ctrl-C, and gone with whoever began them."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from contextlib import contextmanager
+from multiprocessing.process import BaseProcess
+from typing import Any
+
+ALONE = {"JAX_PLATFORMS": "cpu", "OPENBLAS_NUM_THREADS": "1"}
+"""Read when libraries are loaded, which is before a worker's first own line."""
+
+
+class Workers:
+    """Processes that serve many calls; they begin with the first one."""
+
+    def __init__(self, count: int, shares: Sequence[set[int]] = ()) -> None:
+        """Begin nothing yet.
+
+        Args:
+            count: of processes.
+            shares: processors of each (`gatjax.processors.shares`); any if left out.
+        """
+        self._count, self._shares = count, shares
+        self._pool: ProcessPoolExecutor | None = None
+        self._ours: set[BaseProcess] = set()
+
+    def results(
+        self, function: Callable, jobs: Sequence[tuple]
+    ) -> Iterator[tuple[int, Any]]:
+        """Call a function of a module with each of some arguments.
+
+        Whatever ends this early, Ctrl-C too, ends the processes.
+
+        Yields:
+            The place among the jobs and what the function returned, as they get done.
+
+        Raises:
+            BrokenProcessPool: a process ended, for want of memory most often.
+        """
+        try:
+            left = self._begun(function, jobs)
+            while left:  # with a pause often enough for Ctrl-C to come through
+                done, _ = wait(left, timeout=1.0, return_when=FIRST_COMPLETED)
+                for future in done:
+                    yield left.pop(future), future.result()
+        except BaseException:
+            self.close()
+            raise
+
+    def _begun(self, function: Callable, jobs: Sequence[tuple]) -> dict[Future, int]:
+        if self._pool is None:
+            context = multiprocessing.get_context("spawn")
+            free = context.SimpleQueue()
+            for share in self._shares:
+                free.put(share)
+            begin = _begin, (free, bool(self._shares))
+            self._pool = ProcessPoolExecutor(self._count, context, *begin)
+        others = set(multiprocessing.active_children())
+        with _environment(ALONE):
+            begun = {self._pool.submit(function, *job): k for k, job in enumerate(jobs)}
+        self._ours |= set(multiprocessing.active_children()) - others
+        return begun
+
+    def close(self) -> None:
+        """End the processes; what they are at is dropped."""
+        if self._pool is None:
+            return
+        for process in self._ours:
+            process.terminate()
+        self._pool.shutdown(cancel_futures=True)  # joins them: who else did would race
+        self._pool, self._ours = None, set()
+
+
+@contextmanager
+def _environment(wanted: dict[str, str]) -> Iterator[None]:
+    """Set variables for processes that begin in the block."""
+    before = {name: os.environ.get(name) for name in wanted}
+    os.environ.update(wanted)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def _begin(free: Any, shared: bool) -> None:
+    """Begin a worker."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    if shared:
+        os.sched_setaffinity(0, free.get())
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

@@ -1,0 +1,103 @@
+"""Worker processes: what they are told, and how they end."""
+
+import math
+import multiprocessing
+import os
+import subprocess
+import sys
+import time
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+
+import pytest
+
+from gatjax import processors
+from gatjax.workers import Workers
+
+
+@pytest.fixture
+def workers():
+    before = set(multiprocessing.active_children())
+    given = Workers(2)
+    yield given
+    given.close()
+    assert set(multiprocessing.active_children()) <= before
+
+
+def test_all_jobs_are_done_and_tell_their_places(workers):
+    found = dict(workers.results(math.hypot, [(3.0, 4.0), (6.0, 8.0), (5.0, 12.0)]))
+    assert found == {0: 5.0, 1: 10.0, 2: 13.0}
+    assert dict(workers.results(math.sqrt, [(4.0,)])) == {0: 2.0}  # they serve again
+
+
+def test_they_leave_a_gpu_and_threads_of_linear_algebra_alone(workers, monkeypatch):
+    monkeypatch.delenv("JAX_PLATFORMS", raising=False)
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "7")
+    names = [("JAX_PLATFORMS",), ("OPENBLAS_NUM_THREADS",)]
+    assert dict(workers.results(os.getenv, names)) == {0: "cpu", 1: "1"}
+    assert os.environ["OPENBLAS_NUM_THREADS"] == "7"
+    assert "JAX_PLATFORMS" not in os.environ
+
+
+@pytest.mark.skipif(
+    not hasattr(os, "sched_setaffinity"), reason="the system shares no processors out"
+)
+def test_each_keeps_to_its_share_of_the_processors():
+    shares = processors.shares(2)
+    assert set.union(*shares) == set(processors.usable())
+    workers = Workers(1, [{min(shares[0])}])
+    try:
+        assert dict(workers.results(processors.usable, [()])) == {0: [min(shares[0])]}
+    finally:
+        workers.close()
+
+
+def test_an_error_of_one_ends_the_others(workers):
+    with pytest.raises(ValueError, match="non-negative"):
+        list(workers.results(time.sleep, [(600.0,), (-1.0,)]))
+
+
+def test_who_stops_listening_ends_them_all(workers):
+    results = workers.results(time.sleep, [(600.0,), (0.0,)])
+    assert next(results) == (1, None)
+    results.close()
+
+
+def test_a_process_that_the_system_kills_is_told(workers):
+    with pytest.raises(BrokenProcessPool):
+        list(workers.results(os._exit, [(1,)]))
+
+
+PARENT = """
+import os, sys, time
+from gatjax.workers import Workers
+
+if __name__ == "__main__":
+    workers = Workers(1)
+    print(dict(workers.results(os.getpid, [()]))[0], flush=True)
+    list(workers.results(time.sleep, [(600.0,)]))
+"""
+
+
+def test_they_end_when_whoever_began_them_is_killed(tmp_path):
+    script = tmp_path / "parent.py"
+    script.write_text(PARENT)
+    with subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE) as parent:
+        child = int(parent.stdout.readline())
+        os.kill(child, 0)
+        parent.kill()
+    for _ in range(100):
+        if gone(child):
+            return
+        time.sleep(0.1)
+    os.kill(child, 9)
+    pytest.fail("the worker outlived its parent by ten seconds")
+
+
+def gone(process):
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return True
+    stat = Path(f"/proc/{process}/stat")  # where nobody reaps orphans it stays, dead
+    return stat.exists() and stat.read_text().split(") ")[1][0] == "Z"
