@@ -19,9 +19,12 @@ def test_only_processors_that_the_process_was_given_are_used():
     assert processors.usable() == sorted(os.sched_getaffinity(0))
     given = processors.usable()[-1]
     ask = (
-        f"import os; os.sched_setaffinity(0, {{{given}}}); "
-        "from gatjax.diagnosis.case import THREADS; from gatjax.surrogate import stiff;"
-        "print(THREADS, stiff.THREADS)"
+        "import os, threading, time\n"
+        "from gatjax.diagnosis.case import mapped\n"
+        f"os.sched_setaffinity(0, {{{given}}})\n"
+        "from gatjax.surrogate import stiff\n"
+        "busy = lambda _: time.sleep(0.01) or threading.get_ident()\n"
+        "print(len(set(mapped(busy, range(9)))), stiff.THREADS)\n"
     )
     told = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True)
     assert told.stdout.strip() == "1 1"
