@@ -70,11 +70,15 @@ def _skipping(setting: Setting) -> Iterator[None]:
     except np.linalg.LinAlgError:
         raise
     except ValueError as error:
-        reason = " ".join(str(error).split())
-        setting.progress.stage(f"no GAT after diagnosis: {reason}")
-        file = setting.folder / SKIPPED
-        file.parent.mkdir(exist_ok=True)
-        write_whole({file: f"{reason}\n".encode()})
+        _skip(setting, str(error))
+
+
+def _skip(setting: Setting, reason: str) -> None:
+    line = " ".join(reason.split())
+    setting.progress.stage(f"no GAT after diagnosis: {line}")
+    file = setting.folder / SKIPPED
+    file.parent.mkdir(exist_ok=True)
+    write_whole({file: f"{line}\n".encode()})
 
 
 def diagnosed(setting: Setting, work: Callable[[float], None]) -> None:
@@ -117,9 +121,8 @@ def ahead(trials: Sequence[Setting], cores: int) -> set[Path]:
         with closing(Workers(count, shares(count))) as workers:
             for place, reason in workers.results(tried, jobs):
                 setting = cases[place][0]
-                with _skipping(setting):
-                    if reason is not None:
-                        raise ValueError(reason)
+                if reason is not None:
+                    _skip(setting, reason)
                 told.add(setting.folder)
                 progress.work(DIAGNOSIS_UNIT)
                 progress.stage(f"{text}: {len(told)} done")
