@@ -33,18 +33,25 @@ class Workers:
     def results(
         self, function: Callable, jobs: Sequence[tuple]
     ) -> Iterator[tuple[int, Any]]:
-        """Call a function of a module with each of some arguments.
+        """Begin to call a function of a module with each of some arguments.
 
         Whatever ends this early, Ctrl-C too, ends the processes.
 
-        Yields:
-            The place among the jobs and what the function returned, as they get done.
+        Returns:
+            An iterator over the place among the jobs and what the function returned, as
+            they get done.
 
         Raises:
             BrokenProcessPool: a process ended, for want of memory most often.
         """
         try:
-            left = self._begun(function, jobs)
+            return self._done(self._begun(function, jobs))
+        except BaseException:
+            self.close()
+            raise
+
+    def _done(self, left: dict[Future, int]) -> Iterator[tuple[int, Any]]:
+        try:
             while left:  # with a pause often enough for Ctrl-C to come through
                 done, _ = wait(left, timeout=1.0, return_when=FIRST_COMPLETED)
                 for future in done:

@@ -8,8 +8,8 @@ import pytest
 from short_walks import SHORT
 
 from gatjax import loop, runs
+from gatjax.loop import stages
 from gatjax.loop.setting import Entry, Setting
-from gatjax.loop.stages import by_entry
 from gatjax.report import build_report
 from gatjax.settings import LoopSettings, SearchSettings
 from gatjax.sim.world import add_cause, nominal
@@ -127,6 +127,90 @@ def test_trials_side_by_side_walk_together_and_each_finds_what_it_finds_alone(
     for folder in folders:
         assert len(runs.read_table(folder / "evaluations.csv")) == 10 + 8 + 10
         assert (folder / "walks" / "none_best_robot.npz").is_file()
+
+
+class Wandering(Late):
+    """A robot that walks in processes of its own."""
+
+    def __init__(self, told):
+        super().__init__()
+        self.told = told
+
+    def begin(self, policies, seeds, task):
+        self.told.append(f"begin {len(seeds)}")
+
+        def wait():
+            self.told.append("wait")
+            return self.walk(policies, seeds, task)[1]
+
+        return wait
+
+    def close(self):
+        self.told.append("close")
+
+
+def searching(told, monkeypatch):
+    """Let a search find a policy a generation at once, and say so."""
+
+    def search(alike, iteration, thetas):
+        name = alike[0][1].name
+        told.append(f"search {name}")
+        return [
+            [loop.Candidate(name, 0, n, "best", (1.0 + 0.01 * n) * t) for n in range(2)]
+            for t in thetas
+        ]
+
+    monkeypatch.setattr(stages, "search", search)
+
+
+def test_a_robot_elsewhere_walks_while_a_gpu_searches_on(tmp_path, monkeypatch, robot):
+    told = []
+    searching(told, monkeypatch)
+    folders = []
+    for name, backend, walker in (
+        ("a", "mjx", Wandering(told)),
+        ("b", "native", Wandering(told)),
+        ("c", "mjx", robot),
+    ):
+        settings = dataclasses.replace(
+            SETTINGS, candidates=("best",), backend=backend, impl="jax"
+        )
+        folders.append(runs.open_run(tmp_path, settings, name).path)
+        loop.run(folders[-1], settings, walker, quiet())
+    theta0, winners = ["begin 10", "wait"], ["begin 20", "wait"]
+    searched = ["search none", "search gat"]
+    none, gat = ([each, "begin 4"] for each in searched)
+    assert told == [
+        *theta0,
+        *none,
+        *gat,
+        "wait",
+        "wait",
+        *winners,
+        *searched,
+        *searched,
+    ]
+    for name in ("metrics.csv", "evaluations.csv"):
+        one, other, third = (rows_of(folder / name) for folder in folders)
+        assert one == other == third
+
+
+def test_a_stop_gives_up_walks_that_were_begun(tmp_path, monkeypatch):
+    told = []
+    searching(told, monkeypatch)
+    settings = dataclasses.replace(SETTINGS, candidates=("best",), backend="mjx")
+    folder = runs.open_run(tmp_path, settings).path
+    found = stages.search
+
+    def stopped(alike, iteration, thetas):
+        if alike[0][1].name == "gat":
+            raise KeyboardInterrupt
+        return found(alike, iteration, thetas)
+
+    monkeypatch.setattr(stages, "search", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        loop.run(folder, settings, Wandering(told), quiet())
+    assert told == ["begin 10", "wait", "search none", "begin 4", "close"]
 
 
 def _is_check(path, rows):
@@ -310,7 +394,7 @@ def test_trials_are_grouped_by_entry_also_where_one_lacks_it(tmp_path):
     trials = [(one, none), (one, gat), (other, none), (other, gat), (other, more)]
     places = [
         [(setting is other, entry.name) for setting, entry in alike]
-        for alike in by_entry(trials)
+        for alike in stages.by_entry(trials)
     ]
     assert places == [
         [(False, "none"), (True, "none")],

@@ -73,7 +73,11 @@ def test_dart_does_not_depend_on_the_number_of_workers():
     policies = np.tile(THETA0, (3, 1))
     one, two = Dart(0, workers=1), Dart(0, workers=2)
     try:
-        same(one.walk(policies, range(3), SHORT), two.walk(policies, range(3), SHORT))
+        alone = one.walk(policies, range(3), SHORT)
+        begun = [each.begin(policies, range(3), SHORT) for each in (two, two, one)]
+        same(alone, two.walk(policies, range(3), SHORT))
+        for wait in begun:
+            same(alone[1], wait())
     finally:
         two.close()
 

@@ -28,9 +28,8 @@ from gatjax.benchmark.trials import opened, with_methods
 from gatjax.cli.progress import shown
 from gatjax.loop.candidates import KINDS
 from gatjax.loop.explain import EXPLAINED
-from gatjax.loop.optimise import optimise_all
 from gatjax.loop.setting import Setting, total_work
-from gatjax.loop.stages import begin, by_entry, entries, job_of
+from gatjax.loop.stages import begin, by_entry, entries, job_of, search
 from gatjax.runs import Progress, read_table
 from gatjax.settings import PAPER, LoopSettings
 from gatjax.sim.backend import use_compile_cache
@@ -67,11 +66,10 @@ def ground(settings: list[Setting]) -> None:
         job_of(setting, entry, 0, THETA0)
 
 
-def search(settings: list[Setting]) -> None:
+def find(settings: list[Setting]) -> None:
     """Search in all trials of a method at once, and measure what was found there."""
     for alike in by_entry(entries(settings)):
-        jobs = [job_of(*each, 0, THETA0) for each in alike]
-        optimise_all(jobs, settings[0].settings, settings[0].progress)
+        search(alike, 0, [THETA0] * len(alike))
 
 
 def walk(settings: list[Setting]) -> None:
@@ -106,7 +104,7 @@ def drawn(
     figure.savefig(file, dpi=110)
 
 
-PARTS = {"ground": ground, "search": search, "walk": walk}
+PARTS = {"ground": ground, "search": find, "walk": walk}
 
 
 def settings_of(told: argparse.Namespace, progress: Progress) -> list[Setting]:

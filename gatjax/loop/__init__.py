@@ -1,7 +1,6 @@
 """Grounded simulation learning from logs to a walk, for any robot."""
 
 from gatjax.loop.candidates import Candidate, Job
-from gatjax.loop.evaluate import evaluate
 from gatjax.loop.ground import (
     ground,
     helpful,
@@ -23,7 +22,6 @@ __all__ = [
     "Robot",
     "Setting",
     "Simulator",
-    "evaluate",
     "ground",
     "helpful",
     "learn_grounding",

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import jax
@@ -10,8 +11,8 @@ import numpy as np
 
 from gatjax import runs
 from gatjax.loop.candidates import Candidate, measured
-from gatjax.loop.setting import CONFIRMATIONS, ROBOT_UNIT, Setting
-from gatjax.records import Array
+from gatjax.loop.setting import CONFIRMATIONS, ROBOT_UNIT, Away, Setting
+from gatjax.records import Array, Outcome
 from gatjax.settings import CONFIRMATION, EVALUATION, seeds
 from gatjax.sim.poses import write_walk
 
@@ -24,37 +25,60 @@ class Walks(NamedTuple):
     seeds: Sequence[int]
 
 
-def walk(asked: Sequence[Walks], stage: str) -> None:
-    """Walk candidates of runs with the same robot, once, in one call of the robot.
+def begin(asked: Sequence[Walks], stage: str) -> Callable[[], None]:
+    """Let candidates of runs with the same robot walk, once, in one call of the robot.
 
-    It is kept when all of them have walked.
+    Returns:
+        What waits until all of them have walked, and keeps how they fared. Only a robot
+        that walks away from here, while a GPU searches, needs to be waited for.
     """
     left = [each._replace(candidates=_left(each)) for each in asked]
     left = [each for each in left if each.candidates]
+    pairs = [
+        (candidate.policy, seed)
+        for each in left
+        for candidate in each.candidates
+        for seed in each.seeds
+    ]
     setting = asked[0].setting
-    if left:
-        setting.progress.stage(f"{left[0].candidates[0].method}: {stage}")
-        pairs = [
-            (candidate.policy, seed)
-            for each in left
-            for candidate in each.candidates
-            for seed in each.seeds
-        ]
-        policies, every = zip(*pairs, strict=True)
-        _, result = setting.robot.walk(np.stack(policies), every, setting.task)
-        first = 0
-        for each in left:
-            end = first + len(each.candidates) * len(each.seeds)
-            _write(each, result.velocity[first:end], result.fell_at[first:end])
-            first = end
-    count = sum(len(each.candidates) * len(each.seeds) for each in asked)
-    setting.progress.work(ROBOT_UNIT * count)
+    robot, progress = setting.robot, setting.progress
+    total = sum(len(each.candidates) * len(each.seeds) for each in asked)
+
+    def keep(outcome: Outcome | None) -> None:
+        if outcome is not None:
+            _keep(left, outcome)
+        progress.work(ROBOT_UNIT * total)
+
+    if not pairs:
+        keep(None)
+        return nothing
+    progress.stage(stage)
+    policies, every = zip(*pairs, strict=True)
+    walks = np.stack(policies), every, setting.task
+    if setting.settings.backend == "mjx" and isinstance(robot, Away):
+        wait = robot.begin(*walks)
+        return lambda: keep(wait())
+    keep(robot.walk(*walks)[1])
+    return nothing
+
+
+def nothing() -> None:
+    """Wait for nothing."""
 
 
 def _left(asked: Walks) -> list[Candidate]:
     """Return the candidates that did not walk on the robot yet."""
     known = measured(asked.setting.folder, "robot_rollouts")
     return [c for c in asked.candidates if tuple(c.key.values()) not in known]
+
+
+def _keep(walked: Sequence[Walks], outcome: Outcome) -> None:
+    """Write walks, in the order of runs, candidates and seeds, into their runs."""
+    first = 0
+    for each in walked:
+        end = first + len(each.candidates) * len(each.seeds)
+        _write(each, outcome.velocity[first:end], outcome.fell_at[first:end])
+        first = end
 
 
 def _write(walked: Walks, velocity: Array, fell_at: Array) -> None:
@@ -79,15 +103,25 @@ def _write(walked: Walks, velocity: Array, fell_at: Array) -> None:
     runs.add_rows(walked.setting.folder / "metrics.csv", summaries)
 
 
-def evaluate(setting: Setting, candidates: list[Candidate]) -> None:
-    """Walk every candidate of a search on the robot."""
-    settings = setting.settings
-    drawn = seeds(EVALUATION, settings.seed, settings.evaluations)
-    walk([Walks(setting, candidates, drawn)], "walk on the robot")
+def evaluate(
+    found: Sequence[tuple[Setting, list[Candidate]]],
+) -> Callable[[], None]:
+    """Walk every candidate of searches on the robot, run by run; see `begin`."""
+    begun = []
+    for run, candidates in found:
+        drawn = seeds(EVALUATION, run.settings.seed, run.settings.evaluations)
+        stage = f"{candidates[0].method}: walk on the robot"
+        begun.append(begin([Walks(run, candidates, drawn)], stage))
+
+    def keep() -> None:
+        for one in begun:
+            one()
+
+    return keep
 
 
-def confirm(found: Sequence[tuple[Setting, Candidate]]) -> None:
-    """Walk one candidate of each run with fresh seeds.
+def confirm(found: Sequence[tuple[Setting, Candidate]], stage: str) -> None:
+    """Walk candidates of runs with fresh seeds.
 
     A winner was picked on few walks, so those flatter it; these walks judge it.
     """
@@ -96,7 +130,7 @@ def confirm(found: Sequence[tuple[Setting, Candidate]]) -> None:
         for run, one in found
     ]
     if fresh:
-        walk(fresh, "confirm on the robot")
+        begin(fresh, stage)()
 
 
 def winner(setting: Setting, candidates: list[Candidate]) -> Candidate | None:
@@ -118,16 +152,29 @@ def winner(setting: Setting, candidates: list[Candidate]) -> Candidate | None:
     return candidates[max(speeds, key=speeds.__getitem__)]._replace(kind="chosen")
 
 
-def show(wanted: Sequence[tuple[Setting, Array]], name: str, label: str) -> None:
-    """Keep one walk on the robot with each run's policy for the animation, once."""
-    path = f"walks/{name}.npz"
-    left = [(run, theta) for run, theta in wanted if not (run.folder / path).exists()]
+class Shown(NamedTuple):
+    """A walk for the animation of a run."""
+
+    setting: Setting
+    policy: Array  # [15]
+    name: str
+    label: str
+
+    @property
+    def path(self) -> Path:
+        """File that keeps it."""
+        return self.setting.folder / "walks" / f"{self.name}.npz"
+
+
+def show(wanted: Sequence[Shown]) -> None:
+    """Keep one walk on the robot for each of some animations, once."""
+    left = [one for one in wanted if not one.path.exists()]
     if not left:
         return
-    trials, policies = zip(*left, strict=True)
-    ones = [seeds(CONFIRMATION, run.settings.seed, 1)[0] for run in trials]
-    robot, task = trials[0].robot, trials[0].task
-    walks, _ = robot.walk(np.stack(policies), ones, task)
-    for index, run in enumerate(trials):
+    runs = [one.setting for one in left]
+    ones = [seeds(CONFIRMATION, run.settings.seed, 1)[0] for run in runs]
+    policies = np.stack([one.policy for one in left])
+    walks, _ = runs[0].robot.walk(policies, ones, runs[0].task)
+    for index, one in enumerate(left):
         walk = jax.tree.map(lambda leaf, at=index: np.asarray(leaf)[at], walks)
-        write_walk(run.folder / path, run.world.model, walk, label)
+        write_walk(one.path, one.setting.world.model, walk, one.label)

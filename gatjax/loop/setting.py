@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
@@ -43,6 +43,21 @@ class Robot(Protocol):
         self, policies: Array, seeds: Sequence[int] | np.ndarray, task: Task = ...
     ) -> tuple[Trajectory, Outcome]:
         """Walk policies [N, 15] with seeds [N], one run each; results [N, ...]."""
+        ...
+
+
+@runtime_checkable
+class Away(Protocol):
+    """A robot that walks in processes of its own: a search can go on beside it."""
+
+    def begin(
+        self, policies: Array, seeds: Sequence[int] | np.ndarray, task: Task
+    ) -> Callable[[], Outcome]:
+        """Begin what `Robot.walk` does; returns what waits for how they fared [N]."""
+        ...
+
+    def close(self) -> None:
+        """Give up walks that were begun."""
         ...
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Sequence
+from itertools import islice
 from pathlib import Path
 
 from gatjax import processors, runs
@@ -16,13 +17,13 @@ from gatjax.data.recording import Recording
 from gatjax.grounding.learn import grounded
 from gatjax.loop.candidates import Candidate, Job
 from gatjax.loop.collect import collect
-from gatjax.loop.evaluate import confirm, evaluate, show, winner
+from gatjax.loop.evaluate import Shown, confirm, evaluate, nothing, show, winner
 from gatjax.loop.explain import ahead, explained
 from gatjax.loop.ground import ground
 from gatjax.loop.optimise import optimise_all
 from gatjax.loop.oracle import oracle
 from gatjax.loop.robots import Simulator
-from gatjax.loop.setting import ORACLE, Entry, Robot, Setting
+from gatjax.loop.setting import ORACLE, Away, Entry, Robot, Setting
 from gatjax.records import Array
 from gatjax.runs import Progress
 from gatjax.settings import LoopSettings
@@ -67,13 +68,18 @@ def run_all(
     for folder, one in zip(folders, settings, strict=True):
         trials.append(Setting(folder, one, task, world, robot, progress))
     begin(trials)
-    compared = entries(trials)
-    for alike in by_entry(compared):
-        name, thetas = alike[0][1].name, [THETA0] * len(alike)
-        for iteration in range(settings[0].iterations):
-            thetas = improve(alike, iteration, thetas)
-        best = [(trial[0], theta) for trial, theta in zip(alike, thetas, strict=True)]
-        show(best, f"{name}_best_robot", f"best of {name} on {robot.name}")
+    compared = [each for alike in by_entry(entries(trials)) for each in alike]
+    thetas: list[Array] = [THETA0] * len(compared)
+    for iteration in range(settings[0].iterations):
+        thetas = improve(compared, iteration, thetas)
+    best = []
+    for (setting, entry), theta in zip(compared, thetas, strict=True):
+        name, label = (
+            f"{entry.name}_best_robot",
+            f"best of {entry.name} on {robot.name}",
+        )
+        best.append(Shown(setting, theta, name, label))
+    show(best)
 
 
 def begin(trials: Sequence[Setting]) -> None:
@@ -83,9 +89,9 @@ def begin(trials: Sequence[Setting]) -> None:
         theta0 = setting.folder / "policies", "theta0", THETA0
         runs.write_policy(*theta0, {"by": "hand"})
     first = Candidate("theta0", 0, 0, "best", THETA0)
-    confirm([(setting, first) for setting in trials])
+    confirm([(setting, first) for setting in trials], "walk theta0 on the robot")
     label = f"theta0 on {trials[0].robot.name}"
-    show([(setting, THETA0) for setting in trials], "theta0_robot", label)
+    show([Shown(setting, THETA0, "theta0_robot", label) for setting in trials])
 
 
 def entries(trials: Sequence[Setting]) -> list[tuple[Setting, Entry]]:
@@ -123,29 +129,62 @@ def name_robot(folder: Path, robot: Robot) -> None:
 
 
 def improve(
-    trials: Sequence[tuple[Setting, Entry]], iteration: int, thetas: Sequence[Array]
+    compared: Sequence[tuple[Setting, Entry]], iteration: int, thetas: Sequence[Array]
 ) -> list[Array]:
-    """One iteration of one entry in all trials.
+    """One iteration of entries in their trials, each in the order of `by_entry`.
+
+    Args:
+        compared: N entries.
+        iteration: from 0.
+        thetas: N policies [15] that they begin with.
 
     Returns:
-        Each trial's best walk on the robot, or the theta that it began with.
+        The best walk of each on the robot, or the theta that it began with.
     """
-    each = list(zip(trials, thetas, strict=True))
-    if trials[0][1].name == ORACLE:
-        found = [oracle(setting, iteration, theta) for (setting, _), theta in each]
-    else:
-        jobs = [job_of(*trial, iteration, theta) for trial, theta in each]
-        setting = trials[0][0]
-        found = optimise_all(jobs, setting.settings, setting.progress)
-    for ((setting, _), _), candidates in zip(each, found, strict=True):
-        evaluate(setting, candidates)
-    won = [winner(trial[0], some) for trial, some in zip(trials, found, strict=True)]
-    pairs = zip(trials, won, strict=True)
-    confirm([(trial[0], one) for trial, one in pairs if one is not None])
+    found = _tried(compared, iteration, thetas)
+    tried = zip(compared, found, strict=True)
+    won = [winner(setting, candidates) for (setting, _), candidates in tried]
+    pairs = zip(compared, won, strict=True)
+    walking = [(setting, one) for (setting, _), one in pairs if one is not None]
+    confirm(walking, "winners walk again on the robot")
     return [
         theta if one is None else one.policy
         for one, theta in zip(won, thetas, strict=True)
     ]
+
+
+def _tried(
+    compared: Sequence[tuple[Setting, Entry]], iteration: int, thetas: Sequence[Array]
+) -> list[list[Candidate]]:
+    """Search, and try what is found on the robot: on a GPU, beside the next search."""
+    begun, walking = iter(thetas), nothing
+    found: list[list[Candidate]] = []
+    try:
+        for alike in by_entry(compared):
+            some = search(alike, iteration, list(islice(begun, len(alike))))
+            found += some
+            trials = [setting for setting, _ in alike]
+            before, walking = walking, evaluate(list(zip(trials, some, strict=True)))
+            before()
+        walking()
+    except BaseException:
+        robot = compared[0][0].robot
+        if isinstance(robot, Away):
+            robot.close()
+        raise
+    return found
+
+
+def search(
+    alike: Sequence[tuple[Setting, Entry]], iteration: int, thetas: Sequence[Array]
+) -> list[list[Candidate]]:
+    """Collect, ground and search for one entry in all trials; return candidates."""
+    each = list(zip(alike, thetas, strict=True))
+    if alike[0][1].name == ORACLE:
+        return [oracle(setting, iteration, theta) for (setting, _), theta in each]
+    jobs = [job_of(*trial, iteration, theta) for trial, theta in each]
+    setting = alike[0][0]
+    return optimise_all(jobs, setting.settings, setting.progress)
 
 
 def job_of(setting: Setting, entry: Entry, iteration: int, theta: Array) -> Job:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence, Sized
 from functools import lru_cache, partial
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,13 @@ def walk_some(
     runs = [draw_run(body, int(seed), task, E1) for seed in seeds]
     machine = Flock(body, floor, runs, tasks.pose(policies), task)
     return course.walk(machine, E1, body, runs, policies, task)
+
+
+def judge_some(
+    body_seed: int, policies: np.ndarray, seeds: Sequence[int], task: Task
+) -> Outcome:
+    """Let N robots walk as `walk_some` does; only how they fared comes back."""
+    return walk_some(body_seed, policies, seeds, task)[1]
 
 
 def play_some(
@@ -90,13 +98,28 @@ class Dart:
             Trajectory [N, T, ...] and Outcome [N]; they do not depend on the number of
             workers.
         """
-        task = task or Task()
-        jobs = [
+        found = self._begun(walk_some, self._jobs(policies, seeds, task or Task()))()
+        walks, verdicts = zip(*found, strict=True)
+        return _join(walks), _join(verdicts)
+
+    def begin(
+        self, policies: np.ndarray, seeds: Sequence[int] | np.ndarray, task: Task
+    ) -> Callable[[], Outcome]:
+        """Let N robots walk while this process does something else; see `walk`.
+
+        Returns:
+            What waits for them and gives their Outcome [N].
+        """
+        wait = self._begun(judge_some, self._jobs(policies, seeds, task))
+        return lambda: _join(wait())
+
+    def _jobs(
+        self, policies: np.ndarray, seeds: Sequence[int] | np.ndarray, task: Task
+    ) -> list[tuple]:
+        return [
             (self.body_seed, policies[some], seeds[some], task)
             for some in self._shares(policies, seeds)
         ]
-        walks, verdicts = zip(*self._shared(walk_some, jobs), strict=True)
-        return _join(walks), _join(verdicts)
 
     def limbs(self) -> Limbs:
         """Return what a motion must know of this robot, which stands."""
@@ -135,7 +158,7 @@ class Dart:
             (kind, self.body_seed, targets[some], rate_hz, seeds[some])
             for some in self._shares(targets, seeds)
         ]
-        return _join(self._shared(play_some, jobs))
+        return _join(self._begun(play_some, jobs)())
 
     def _shares(self, each: Sized, seeds: Sized) -> list[slice]:
         """Share runs out evenly, up to TOGETHER a worker at a time."""
@@ -146,12 +169,12 @@ class Dart:
         size = math.ceil(count / (turns * self.workers))
         return [slice(first, first + size) for first in range(0, count, size)]
 
-    def _shared(self, run: Callable, jobs: list[tuple]) -> list:
-        """Run jobs in the worker processes; in this one if there is only one."""
+    def _begun(self, run: Callable, jobs: list[tuple]) -> Callable[[], list]:
+        """Begin jobs in the worker processes; a single one is done here, when asked."""
         if min(self.workers, len(jobs)) == 1:
-            return [run(*job) for job in jobs]
-        found = dict(self._processes.results(run, jobs))
-        return [found[place] for place in range(len(jobs))]
+            return lambda: [run(*job) for job in jobs]
+        results = self._processes.results(run, jobs)
+        return lambda: [found for _, found in sorted(results, key=itemgetter(0))]
 
     def close(self) -> None:
         """End the worker processes."""
