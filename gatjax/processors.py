@@ -1,7 +1,11 @@
-"""Processors that this process may use: a job of a cluster has a share of them only."""
+"""Processors that this process may use, and the machine's memory.
+
+A job of a cluster has a share of the processors only.
+"""
 
 from __future__ import annotations
 
+import math
 import os
 
 
@@ -21,3 +25,11 @@ def shares(count: int) -> list[set[int]]:
         return []
     every = usable()
     return [set(every[first::count]) for first in range(count)]
+
+
+def memory() -> float:
+    """Bytes of the machine; infinite where the system does not tell."""
+    known = getattr(os, "sysconf_names", {})
+    if not {"SC_PHYS_PAGES", "SC_PAGE_SIZE"} <= set(known):
+        return math.inf
+    return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 import shutil
 from concurrent.futures.process import BrokenProcessPool
 from typing import ClassVar
@@ -281,24 +282,29 @@ def pair(run, robot, tmp_path, monkeypatch):
     return build
 
 
-@pytest.mark.parametrize(("cores", "count"), [(7, 0), (8, 2), (64, 2)])
-def test_trials_are_diagnosed_side_by_side_where_the_cores_suffice(cores, count, pair):
+@pytest.mark.parametrize(
+    ("cores", "memory", "count"),
+    [(1, 1e12, 0), (2, 1e12, 2), (64, math.inf, 2), (64, 7e9, 0), (64, 9e9, 2)],
+)
+def test_trials_are_diagnosed_side_by_side_where_the_machine_suffices(
+    cores, memory, count, pair
+):
     found = Diagnosis(command_delay=DELAY)
     trials, _, work = pair(found)
-    ahead = explain.ahead(trials, cores)
+    ahead = explain.ahead(trials, cores, memory)
     assert ahead == {each.folder for each in trials[:count]}
     assert (len(found.given), InTurn.counts) == (count, [2] * (count > 0))
     for each in trials:
         assert explain.explained(each, 1.0 if each.folder in ahead else 0.0)
     assert len(found.given) == 2
     assert sum(work) == pytest.approx(2 * DIAGNOSIS_UNIT)
-    assert explain.ahead(trials, cores) == set()  # they are done
+    assert explain.ahead(trials, cores, memory) == set()  # they are done
     assert len(InTurn.counts) == (count > 0)
 
 
 def test_what_cannot_be_diagnosed_ahead_is_told_once(pair):
     trials, told, work = pair(refuses)
-    assert explain.ahead(trials, 8) == {each.folder for each in trials}
+    assert explain.ahead(trials, 8, 1e12) == {each.folder for each in trials}
     said = [text for text in told if text.startswith("no GAT after diagnosis")]
     assert said == ["no GAT after diagnosis: the robot falls in every log"] * 2
     for each in trials:
@@ -307,18 +313,49 @@ def test_what_cannot_be_diagnosed_ahead_is_told_once(pair):
     assert sum(work) == pytest.approx(2 * DIAGNOSIS_UNIT)
 
 
-def test_a_trial_without_logs_leaves_the_others_alone(pair, monkeypatch):
+def test_the_robot_plays_for_all_trials_at_once_and_for_each_as_alone(
+    run, robot, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(explain, "Workers", InTurn)
+    trials, played, play = [], [], robot.play
+    for seed in (SETTINGS.seed, SETTINGS.seed + 1):
+        folder = opened(tmp_path / f"{seed}", monkeypatch, Diagnosis())
+        settings = dataclasses.replace(SETTINGS, seed=seed)
+        trials.append(setting_of(folder, robot)._replace(settings=settings))
+
+    def heard(targets, rate_hz, seeds):
+        played.append(len(set(seeds)))
+        return play(targets, rate_hz, seeds)
+
+    monkeypatch.setattr(robot, "play", heard)
+    explain.ahead(trials, 2, 1e12)
+    assert played == [2, 2, 2]
+    for path in (run[0] / "recordings").glob("explain_*"):
+        one, other = (read_recording(each.folder / "recordings" / path.name)
+                      for each in trials)  # fmt: skip
+        alone = read_recording(path)
+        assert one.metadata == alone.metadata != other.metadata
+        assert set(other.trajectory) == {0}
+        for name, values in alone.columns.items():
+            np.testing.assert_allclose(one.columns[name], values, atol=1e-9)
+        assert not np.allclose(other.columns["command.LKneePitch"][:100],
+                               one.columns["command.LKneePitch"][:100])  # fmt: skip
+
+
+def test_a_trial_without_logs_leaves_the_others_alone(pair, robot, monkeypatch):
     trials, told, _ = pair(Diagnosis(command_delay=DELAY))
-    collect = case.collect_motion
+    for path in (trials[0].folder / "recordings").glob("explain_*"):
+        path.unlink()
+    play = robot.play
 
-    def fails(setting, *what):
-        if setting is trials[0]:
-            raise ValueError("no row before a fall")
-        return collect(setting, *what)
+    def falls(*what):
+        trajectory = play(*what)
+        return trajectory._replace(alive=np.zeros_like(trajectory.alive))
 
-    monkeypatch.setattr(case, "collect_motion", fails)
-    assert explain.ahead(trials, 8) == {trials[1].folder}
-    assert told[0] == "no GAT after diagnosis: no row before a fall"
+    monkeypatch.setattr(robot, "play", falls)
+    assert explain.ahead(trials, 8, 1e12) == {trials[1].folder}
+    (said,) = [text for text in told if text.startswith("no GAT after diagnosis")]
+    assert "no trajectory has a row before its fall" in said
     assert [len(explain.explained(each)) for each in trials] == [0, 1]
 
 
@@ -330,7 +367,7 @@ def test_a_diagnosis_that_dies_leaves_them_to_be_made_one_by_one(pair, monkeypat
         raise BrokenProcessPool
 
     monkeypatch.setattr(InTurn, "results", dies)
-    assert explain.ahead(trials, 8) == {trials[0].folder}
+    assert explain.ahead(trials, 8, 1e12) == {trials[0].folder}
     assert "one by one" in told[-1]
     assert explain.explained(trials[1])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,10 +14,10 @@ from gatjax.data.trajectories import split_by_trajectory
 from gatjax.diagnosis.diagnose import diagnose
 from gatjax.diagnosis.given import Logs, Tell
 from gatjax.diagnosis.start import Start
-from gatjax.loop.collect import collect, collect_motion
+from gatjax.loop.collect import collect, collect_motion, collect_motion_together
 from gatjax.loop.ground import HELD_OUT
 from gatjax.loop.play import Hangable, Player
-from gatjax.loop.setting import Setting
+from gatjax.loop.setting import Robot, Setting
 from gatjax.records import JOINTS
 from gatjax.robot.model import HUNG
 from gatjax.robot.nao import LIMITS
@@ -71,6 +72,21 @@ def tried(case: Case) -> str | None:
     return None
 
 
+def play_together(trials: Sequence[Setting]) -> None:
+    """Let the robot play the motions of a diagnosis in all trials at once."""
+    robot, _ = _player(trials[0])
+    if isinstance(robot, Player):
+        for name in (*FIT, *HELD):
+            collect_motion_together(trials, robot, name, SECONDS)
+
+
+def _player(setting: Setting) -> tuple[Robot | Player, str]:
+    """The robot, hung where it can be, and what models it so."""
+    if isinstance(setting.robot, Hangable):
+        return setting.robot.hung(), HUNG
+    return setting.robot, setting.world.source
+
+
 def logs(setting: Setting) -> tuple[str, list[Recording], list[Recording]]:
     """The model, recordings to explain, and others to measure the gain on.
 
@@ -78,16 +94,14 @@ def logs(setting: Setting) -> tuple[str, list[Recording], list[Recording]]:
     stand plays those that it can bear. Of any other one, walks with theta0 have to do;
     none that later tests the prediction is fitted.
     """
-    robot, model = setting.robot, setting.world.source
-    if isinstance(robot, Hangable):
-        robot, model = robot.hung(), HUNG
+    robot, model = _player(setting)
     if isinstance(robot, Player):
         fit, held = (
             [collect_motion(setting, robot, name, SECONDS) for name in names]
             for names in (FIT, HELD)
         )
         return model, fit, held
-    walks = collect(setting, robot, "robot_0", THETA0)
+    walks = collect(setting, setting.robot, "robot_0", THETA0)
     seen, unseen = split_by_trajectory(
         walks.trajectory, HELD_OUT, setting.settings.seed
     )

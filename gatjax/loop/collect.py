@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+import jax
 import numpy as np
 
 from gatjax.data.recording import Recording, read_recording, write_recording
 from gatjax.data.trajectories import to_recording
-from gatjax.loop.play import Play, Player, record_motion
+from gatjax.loop.play import Play, Player, played, record_motion, recorded
 from gatjax.loop.setting import (
     ROBOT_UNIT,
     Robot,
@@ -42,23 +47,59 @@ def collect(setting: Setting, robot: Robot, name: str, theta: Array) -> Recordin
 def collect_motion(
     setting: Setting, robot: Player, name: str, seconds: float
 ) -> Recording:
-    """Record the robot, standing or hung, playing a motion of the menu, once."""
-    limbs = robot.limbs()
-    base = "standing" if limbs.floating else "hung"
-    path = setting.folder / "recordings" / f"explain_{base}_{name}.parquet"
+    """Record the robot, standing or hung, playing a motion of the menu, once.
+
+    Raises:
+        ValueError: one line: there is nothing to record.
+    """
+    path = _motion_file(setting, robot, name)
     if not path.exists():
-        setting.progress.stage(f"collect the motion {name} of {robot.name}, {base}")
-        motion, number = MENU[name], list(MENU).index(name)
-        moving = chosen(limbs, ())
-        drawn = seeds(EXPLANATION, setting.settings.seed, len(MENU))
-        play = Play(
-            motion=motion,
-            joints=moving,
-            rate_hz=1.0 / setting.task.control_period,
-            seeds=drawn[number : number + 1],
-            reach=motion.reach(limbs, moving),
-            seconds=seconds,
-        )
-        recording, _ = record_motion(robot, play)
+        recording, _ = record_motion(robot, _play([setting], robot, name, seconds))
         write_recording(path, recording)
     return read_recording(path)
+
+
+def collect_motion_together(
+    trials: Sequence[Setting], robot: Player, name: str, seconds: float
+) -> None:
+    """Record what `collect_motion` does in several trials, in one call of the robot.
+
+    Trials in which there is nothing to record are left to it.
+    """
+    left = [each for each in trials if not _motion_file(each, robot, name).exists()]
+    if not left:
+        return
+    play = _play(left, robot, name, seconds)
+    trajectory = played(robot, play)
+    for index, setting in enumerate(left):
+        run = jax.tree.map(lambda leaf, at=index: np.asarray(leaf)[[at]], trajectory)
+        with suppress(ValueError):
+            alone = play._replace(seeds=[play.seeds[index]])
+            recording = recorded(robot, alone, run)
+            write_recording(_motion_file(setting, robot, name), recording)
+
+
+def _motion_file(setting: Setting, robot: Player, name: str) -> Path:
+    file = f"explain_{_base(robot)}_{name}.parquet"
+    return setting.folder / "recordings" / file
+
+
+def _base(robot: Player) -> str:
+    return "standing" if robot.limbs().floating else "hung"
+
+
+def _play(trials: Sequence[Setting], robot: Player, name: str, seconds: float) -> Play:
+    """Play a motion of the menu, each trial with a draw of its own."""
+    text = f"collect the motion {name} of {robot.name}, {_base(robot)}"
+    trials[0].progress.stage(text)
+    motion, number, limbs = MENU[name], list(MENU).index(name), robot.limbs()
+    moving = chosen(limbs, ())
+    drawn = [seeds(EXPLANATION, one.settings.seed, len(MENU)) for one in trials]
+    return Play(
+        motion=motion,
+        joints=moving,
+        rate_hz=1.0 / trials[0].task.control_period,
+        seeds=[each[number] for each in drawn],
+        reach=motion.reach(limbs, moving),
+        seconds=seconds,
+    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 import jax
@@ -13,7 +13,7 @@ import numpy as np
 from gatjax.data.recording import Recording
 from gatjax.files import read_json
 from gatjax.loop.bound import bounded
-from gatjax.loop.case import case_of, examine, tried
+from gatjax.loop.case import case_of, examine, play_together, tried
 from gatjax.loop.collect import collect
 from gatjax.loop.ground import STABILITY_ROLLOUTS, count_falls
 from gatjax.loop.setting import DIAGNOSIS_UNIT, Entry, Setting
@@ -31,7 +31,7 @@ EXPLAINED = "explained"
 EXTENDED, DIAGNOSED = "extended.json", "diagnosis/diagnosis.json"  # in the run folder
 SKIPPED = "diagnosis/skipped.txt"
 MOUNTING = "gravity_tilt"  # of a hung robot: it is left behind where it walks
-CORES = 4  # that one diagnosis keeps busy: part of it is Python, in one thread
+MEMORY = 4e9  # bytes of the machine for a diagnosis, which takes half of them
 
 
 def explained(setting: Setting, done: float = 0.0) -> list[Entry]:
@@ -100,20 +100,33 @@ def _decided(setting: Setting) -> bool:
     return any((setting.folder / name).exists() for name in known)
 
 
-def ahead(trials: Sequence[Setting], cores: int) -> set[Path]:
-    """Diagnose the robot in several trials side by side, where the cores suffice.
+def ahead(trials: Sequence[Setting], cores: int, memory: float) -> set[Path]:
+    """Diagnose the robot in several trials side by side, each on a core or more.
+
+    More cores hardly speed up one of them: two take as long together, on two, as one.
+
+    Args:
+        trials: of the run.
+        cores: of this machine.
+        memory: of this machine, bytes.
 
     Returns:
         Run folders whose diagnoses are done, and told to the progress.
     """
     left = [each for each in trials if not _decided(each)]
-    count, told, progress = min(len(left), cores // CORES), set(), trials[0].progress
+    told: set[Path] = set()
+    count, progress = int(min(len(left), cores, memory / MEMORY)), trials[0].progress
     if count < 2:
         return told
     cases = []
+    with suppress(ValueError):  # which is told below, trial by trial
+        play_together(left)
     for setting in left:
         with _skipping(setting):
             cases.append((setting, case_of(setting)))
+    if not cases:
+        return told
+    count = min(count, len(cases))
     text = f"diagnose {len(cases)} trials, {count} side by side"
     progress.stage(text)
     jobs = [(case,) for _, case in cases]

@@ -62,6 +62,13 @@ def record_motion(robot: Player, play: Play) -> tuple[Recording, int]:
     Raises:
         ValueError: one line: the motion can not be played so.
     """
+    trajectory = played(robot, play)
+    falls = int((~np.asarray(trajectory.alive)[:, -1]).sum())
+    return recorded(robot, play, trajectory), falls
+
+
+def played(robot: Player, play: Play) -> Trajectory:
+    """Play a motion on a robot: N runs, each with a draw of its own."""
     limbs = robot.limbs()
     targets = np.stack(
         [
@@ -72,8 +79,16 @@ def record_motion(robot: Player, play: Play) -> tuple[Recording, int]:
             for seed in play.seeds
         ]
     )  # fmt: skip
-    trajectory = robot.play(targets, play.rate_hz, play.seeds)
-    alive = np.asarray(trajectory.alive)
+    return robot.play(targets, play.rate_hz, play.seeds)
+
+
+def recorded(robot: Player, play: Play, trajectory: Trajectory) -> Recording:
+    """Turn runs of a motion into a recording.
+
+    Raises:
+        ValueError: one line: there is nothing to record.
+    """
+    limbs, alive = robot.limbs(), np.asarray(trajectory.alive)
     if not limbs.floating and not alive.all():
         second = float(trajectory.time[~alive].min())
         raise ValueError(
@@ -88,8 +103,7 @@ def record_motion(robot: Player, play: Play) -> tuple[Recording, int]:
         "seconds": play.seconds,
         "seed": play.seeds[0],
     }
-    recording = _recorded(trajectory, limbs, robot.name, play.rate_hz, notes)
-    return recording, int((~alive[:, -1]).sum())
+    return _recorded(trajectory, limbs, robot.name, play.rate_hz, notes)
 
 
 def _recorded(
