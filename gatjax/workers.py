@@ -5,11 +5,13 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
 from multiprocessing.process import BaseProcess
+from types import ModuleType
 from typing import Any
 
 ALONE = {"JAX_PLATFORMS": "cpu", "OPENBLAS_NUM_THREADS": "1"}
@@ -17,7 +19,10 @@ ALONE = {"JAX_PLATFORMS": "cpu", "OPENBLAS_NUM_THREADS": "1"}
 
 
 class Workers:
-    """Processes that serve many calls; they begin with the first one."""
+    """Processes that serve many calls; they begin with the first one.
+
+    They know modules only, not the script that runs, which needs no `__main__` guard.
+    """
 
     def __init__(self, count: int, shares: Sequence[set[int]] = ()) -> None:
         """Begin nothing yet.
@@ -69,7 +74,7 @@ class Workers:
             begin = _begin, (free, bool(self._shares))
             self._pool = ProcessPoolExecutor(self._count, context, *begin)
         others = set(multiprocessing.active_children())
-        with _environment(ALONE):
+        with _environment(ALONE), _no_main():
             begun = {self._pool.submit(function, *job): k for k, job in enumerate(jobs)}
         self._ours |= set(multiprocessing.active_children()) - others
         return begun
@@ -97,6 +102,17 @@ def _environment(wanted: dict[str, str]) -> Iterator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
+
+
+@contextmanager
+def _no_main() -> Iterator[None]:
+    """Hide the script that runs: processes that begin would run it once more."""
+    script = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = script
 
 
 def _begin(free: Any, shared: bool) -> None:

@@ -16,7 +16,6 @@ from gatjax.robot.model import joint_names
 from gatjax.sim.limbs import limbs_of
 from gatjax.sim.world import add_cause, nominal
 from gatjax.surrogate import ROBOTS, make_robot
-from gatjax.surrogate.dart import Dart
 from gatjax.task import task_at
 
 HEAD, HIPS = JOINTS.index("HeadYaw"), [JOINTS.index(s + "HipPitch") for s in "LR"]
@@ -80,7 +79,7 @@ def head_turn(robot, seconds=1.5):
 
 
 def robot_of(name):
-    return Dart(0, workers=1) if name == "dart" else make_robot(name)
+    return make_robot(name, workers=1)
 
 
 def same(first, second):

@@ -22,9 +22,9 @@ def test_only_processors_that_the_process_was_given_are_used():
         "import os, threading, time\n"
         "from gatjax.diagnosis.case import mapped\n"
         f"os.sched_setaffinity(0, {{{given}}})\n"
-        "from gatjax.surrogate import stiff\n"
+        "from gatjax.surrogate import make_robot\n"
         "busy = lambda _: time.sleep(0.01) or threading.get_ident()\n"
-        "print(len(set(mapped(busy, range(9)))), stiff.THREADS)\n"
+        "print(len(set(mapped(busy, range(9)))), make_robot('stiff').workers)\n"
     )
     told = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True)
     assert told.stdout.strip() == "1 1"

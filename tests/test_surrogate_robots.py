@@ -11,8 +11,7 @@ from gatjax.records import JOINTS
 from gatjax.robot import model as robot_model
 from gatjax.robot import nao
 from gatjax.surrogate import ROBOTS, Robot, make_robot, start
-from gatjax.surrogate import naos as darts
-from gatjax.surrogate.dart import Dart
+from gatjax.surrogate import dart as darts
 from gatjax.surrogate.e1 import E1, draw_body, inertials
 from gatjax.surrogate.legs import Chains, Rotors
 from gatjax.surrogate.servo import error, servo, torque
@@ -69,9 +68,10 @@ def test_dart_wants_a_seed_for_each_run():
         make_robot("dart").walk(np.tile(THETA0, (2, 1)), [3], SHORT)
 
 
-def test_dart_does_not_depend_on_the_number_of_workers():
+@pytest.mark.parametrize("name", ROBOTS)
+def test_walks_do_not_depend_on_the_number_of_workers(name):
     policies = np.tile(THETA0, (3, 1))
-    one, two = Dart(0, workers=1), Dart(0, workers=2)
+    one, two = (make_robot(name, workers=count) for count in (1, 2))
     try:
         alone = one.walk(policies, range(3), SHORT)
         begun = [each.begin(policies, range(3), SHORT) for each in (two, two, one)]
@@ -334,8 +334,8 @@ def test_a_robot_of_a_flock_that_falls_leaves_the_others_alone():
     task, policies = Task(duration=2.0), np.tile(THETA0, (2, 1))
     policies[0, NAMES.index("max_forward")] = 0.5
     policies[0, NAMES.index("forward_change")] = 0.35
-    both, outcome = Dart(0, workers=1).walk(policies, [0, 1], task)
-    alone, _ = Dart(0, workers=1).walk(policies[1:], [1], task)
+    both, outcome = make_robot("dart", workers=1).walk(policies, [0, 1], task)
+    alone, _ = make_robot("dart", workers=1).walk(policies[1:], [1], task)
     assert np.isfinite(outcome.fell_at[0]) and np.isinf(outcome.fell_at[1])
     for one, other in zip(both.reading, alone.reading, strict=True):
         np.testing.assert_array_equal(one[1], other[0])

@@ -68,6 +68,23 @@ def test_a_process_that_the_system_kills_is_told(workers):
         list(workers.results(os._exit, [(1,)]))
 
 
+SCRIPT = """
+import math
+from gatjax.workers import Workers
+workers = Workers(2)
+print(dict(workers.results(math.sqrt, [(4.0,), (9.0,)])))
+workers.close()
+"""
+
+
+def test_a_script_needs_no_guard_and_runs_once(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT)
+    asked = [sys.executable, script]
+    told = subprocess.run(asked, capture_output=True, text=True, timeout=120)
+    assert told.stdout in ("{0: 2.0, 1: 3.0}\n", "{1: 3.0, 0: 2.0}\n"), told.stderr
+
+
 PARENT = """
 import os, sys, time
 from gatjax.workers import Workers

@@ -14,8 +14,8 @@ from gatjax.task import Task
 __all__ = ["ROBOTS", "Robot", "make_robot"]
 
 ROBOTS = {
-    "dart": ("gatjax.surrogate.dart", "Dart"),
-    "stiff": ("gatjax.surrogate.stiff", "Stiff"),
+    "dart": "gatjax.surrogate.dart",
+    "stiff": "gatjax.surrogate.stiff",
 }
 
 
@@ -36,9 +36,17 @@ class Robot(Protocol):
         ...
 
 
-def make_robot(name: str, body_seed: int = 0) -> Robot:
-    """Return a stand-in robot by name; the body seed draws its masses and offsets."""
+def make_robot(name: str, body_seed: int = 0, workers: int | None = None) -> Robot:
+    """Return a stand-in robot by name.
+
+    Args:
+        name: one of ROBOTS.
+        body_seed: draws its masses and offsets.
+        workers: processes that share its runs; by default all cores.
+    """
     if name not in ROBOTS:
         raise ValueError(f"robot {name!r} is unknown; choose from {sorted(ROBOTS)}")
-    module, kind = ROBOTS[name]
-    return getattr(importlib.import_module(module), kind)(body_seed)
+    from gatjax.surrogate.standin import StandIn
+
+    engine = importlib.import_module(ROBOTS[name]).ENGINE
+    return StandIn(name, engine, body_seed, workers)

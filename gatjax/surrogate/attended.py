@@ -38,7 +38,7 @@ Build = Callable[[Body, Floor, Run, np.ndarray, Task], course.Machine]
 def build_of(robot: str, hung: bool) -> Build:
     """Return what puts a stand-in robot down, or hangs it up."""
     if robot == "dart":
-        from gatjax.surrogate.naos import Flock, HungFlock
+        from gatjax.surrogate.dart import Flock, HungFlock
     else:
         from gatjax.surrogate.stiff import Flock, HungFlock
     kind = HungFlock if hung else Flock

@@ -11,7 +11,7 @@ from gatjax import task as tasks
 from gatjax.records import Base, Outcome, Reading, Trajectory
 from gatjax.surrogate.e1 import Body, Constants
 from gatjax.surrogate.servo import encode
-from gatjax.surrogate.start import Run
+from gatjax.surrogate.start import Floor, Run
 from gatjax.task import Task
 
 Record = TypeVar("Record", Reading, Base)
@@ -32,6 +32,10 @@ class Machine(Protocol):
     def advance(self, target: np.ndarray, alive: np.ndarray) -> None:
         """Send targets [N, J] rad and run the living robots [N] for a control tick."""
         ...
+
+
+Flock = Callable[[Body, Floor, list[Run], np.ndarray, Task], Machine]
+"""Puts N robots of a body down on a floor, with joint angles [N, J] rad."""
 
 
 def report(

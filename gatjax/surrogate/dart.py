@@ -1,189 +1,203 @@
-"""The stand-in robot `dart`: a NAO in DART, the engine that Gazebo runs, at 1 ms.
+"""The stand-in robot `dart`: NAOs in DART, the engine that Gazebo runs, at 1 ms.
 
-What it is made of is in `naos`; here its runs are shared out to worker processes.
+The contact (LCP), dry friction (in the same LCP) and integrator are DART's own; the
+links are those of `skeleton`, the rotors those of `legs`, the floor that of `plates`.
+The servo is written out at 1 ms, explicitly: a step is far below its time constants.
+The one motor of both hip-yaw-pitch joints sits on the left; a stiff shaft turns the
+right one (0.2 deg at 2 N m; dartpy's coupled mimic joints proved unstable at 1 ms).
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence, Sized
-from functools import lru_cache, partial
-from operator import itemgetter
-from typing import Any
+from collections import deque
 
+import dartpy
+import mujoco
 import numpy as np
 
-from gatjax import processors
-from gatjax import task as tasks
-from gatjax.motions import Limbs, standing_nao
-from gatjax.records import Outcome, Trajectory
-from gatjax.surrogate import course
-from gatjax.surrogate.e1 import E1, Body, draw_body, published
-from gatjax.surrogate.hung import Hung
-from gatjax.surrogate.naos import Flock, HungFlock
-from gatjax.surrogate.start import Floor, draw_floor, draw_run, playing
+from gatjax.records import JOINTS, Base, Reading
+from gatjax.surrogate.e1 import E1, Body, nominal
+from gatjax.surrogate.hung import hung_state
+from gatjax.surrogate.legs import PLACE, TURN, Chains, Rotors
+from gatjax.surrogate.plates import CORNERS, Ground
+from gatjax.surrogate.servo import COUPLED, encode, error, servo, torque
+from gatjax.surrogate.skeleton import TORSO, skeleton
+from gatjax.surrogate.standin import Engine
+from gatjax.surrogate.start import Floor, Run, first_state
 from gatjax.task import Task
-from gatjax.workers import Workers
 
-TOGETHER = 8  # robots that a worker takes at once; what they share costs once
-
-
-@lru_cache(maxsize=4)
-def _series(body_seed: int) -> tuple[Body, Floor]:
-    body = draw_body(body_seed)
-    return body, draw_floor(body, E1)
+STEP = 0.001  # s, physics and servo
+SHAFT_STIFFNESS, SHAFT_DAMPING = 500.0, 0.5  # N m/rad, N m s/rad, between the hips
+FOLLOWER = "RHipYawPitch"
+WORLD = dartpy.dynamics.Frame.World
 
 
-def walk_some(
-    body_seed: int, policies: np.ndarray, seeds: Sequence[int], task: Task
-) -> tuple[Trajectory, Outcome]:
-    """Let N robots walk side by side in this process; see `Dart.walk`."""
-    body, floor = _series(body_seed)
-    runs = [draw_run(body, int(seed), task, E1) for seed in seeds]
-    machine = Flock(body, floor, runs, tasks.pose(policies), task)
-    return course.walk(machine, E1, body, runs, policies, task)
+class Flock:
+    """N robots of one body on one floor; a `course.Machine`."""
 
-
-def judge_some(
-    body_seed: int, policies: np.ndarray, seeds: Sequence[int], task: Task
-) -> Outcome:
-    """Let N robots walk as `walk_some` does; only how they fared comes back."""
-    return walk_some(body_seed, policies, seeds, task)[1]
-
-
-def play_some(
-    kind: type[Flock],
-    body_seed: int,
-    targets: np.ndarray,
-    rate_hz: float,
-    seeds: Sequence[int],
-) -> Trajectory:
-    """Let N robots play targets side by side in this process; see `Dart.play`."""
-    body, floor = _series(body_seed)
-    task = playing(targets.shape[1], rate_hz)
-    runs = [draw_run(body, int(seed), task, E1) for seed in seeds]
-    machine = kind(body, floor, runs, targets[:, 0], task)
-    return course.play(machine, E1, body, runs, targets, task)
-
-
-class Dart:
-    """The robot `dart`: one body of the series; see `gatjax.surrogate.make_robot`."""
-
-    name = "dart"
-
-    def __init__(self, body_seed: int, workers: int | None = None) -> None:
-        """Choose a body; `workers` processes (default: all cores) share the runs."""
-        self.body_seed = body_seed
-        self.workers = workers or len(processors.usable())
-        self._processes = Workers(self.workers)
-
-    def constants(self) -> dict:
-        """Return what `robot.json` says about this robot."""
-        return published("DART, 1 ms", draw_body(self.body_seed))
-
-    def walk(
-        self,
-        policies: np.ndarray,
-        seeds: Sequence[int] | np.ndarray,
-        task: Task | None = None,
-    ) -> tuple[Trajectory, Outcome]:
-        """Let N robots walk.
-
-        Args:
-            policies: [N, 15] walk parameters.
-            seeds: [N] int, one per run.
-            task: the task; by default `Task()`.
-
-        Returns:
-            Trajectory [N, T, ...] and Outcome [N]; they do not depend on the number of
-            workers.
-        """
-        found = self._begun(walk_some, self._jobs(policies, seeds, task or Task()))()
-        walks, verdicts = zip(*found, strict=True)
-        return _join(walks), _join(verdicts)
-
-    def begin(
-        self, policies: np.ndarray, seeds: Sequence[int] | np.ndarray, task: Task
-    ) -> Callable[[], Outcome]:
-        """Let N robots walk while this process does something else; see `walk`.
-
-        Returns:
-            What waits for them and gives their Outcome [N].
-        """
-        wait = self._begun(judge_some, self._jobs(policies, seeds, task))
-        return lambda: _join(wait())
-
-    def _jobs(
-        self, policies: np.ndarray, seeds: Sequence[int] | np.ndarray, task: Task
-    ) -> list[tuple]:
-        return [
-            (self.body_seed, policies[some], seeds[some], task)
-            for some in self._shares(policies, seeds)
+    def __init__(
+        self, body: Body, floor: Floor, runs: list[Run], poses: np.ndarray, task: Task
+    ) -> None:
+        """Put N robots down with joint angles `poses` [N, J] rad."""
+        self.body, self.patch = body, np.stack([run.patch for run in runs])
+        self.substeps = round(task.control_period / STEP)
+        self.robots = [skeleton(body) for _ in runs]
+        self.torsos = [robot.getBodyNode(TORSO) for robot in self.robots]
+        self._wire()
+        self.motors = servo(E1)
+        self._rub()
+        self.ground = Ground(floor, len(runs))
+        self.worlds = [
+            _world(robot, plates)
+            for robot, plates in zip(self.robots, self.ground.skeletons, strict=True)
         ]
+        self._begin(poses, runs, floor)
+        self.chains = Chains(self.robots[0])
+        self.rotors = Rotors(self.chains, *self._state())
+        self._prepare(poses)
 
-    def limbs(self) -> Limbs:
-        """Return what a motion must know of this robot, which stands."""
-        return standing_nao()
+    def _wire(self) -> None:
+        """Find the joints in DART's vectors, by name."""
+        robot, model = self.robots[0], nominal()
+        names = [robot.getDof(index).getName() for index in range(robot.getNumDofs())]
+        self.slots = np.array([names.index(name) for name in JOINTS])
+        self.twin, self.bent = names.index(FOLLOWER), names[PLACE:]
+        bent = [model.joint(name).qposadr[0] for name in self.bent]
+        self.from_model = np.array(bent)
+        self.imu = model.site("imu").pos
 
-    def play(
-        self, targets: np.ndarray, rate_hz: float, seeds: Sequence[int] | np.ndarray
-    ) -> Trajectory:
-        """Let N standing robots follow targets, open loop.
+    def _rub(self) -> None:
+        """Give the joints dry friction; that of one motor acts on both sides."""
+        for name in self.bent:
+            motor = JOINTS.index(name.replace(FOLLOWER, JOINTS[COUPLED]))
+            friction = self.motors.friction[motor] / (2 if motor == COUPLED else 1)
+            for robot in self.robots:
+                robot.getJoint(name).setCoulombFriction(0, friction)
 
-        Args:
-            targets: [N, T, J] rad, from `gatjax.motions`; held for a second before.
-            rate_hz: rows per second: 50, 100 or 83.3.
-            seeds: [N] int, one per run.
+    def _begin(self, poses: np.ndarray, runs: list[Run], floor: Floor) -> None:
+        """Put the robots down."""
+        for robot, pose, run in zip(self.robots, poses, runs, strict=True):
+            self._place(robot, *first_state(pose, run, floor))
 
-        Returns:
-            Trajectory [N, T, ...]; `alive` is False from a fall on.
+    def _place(
+        self, robot: dartpy.dynamics.Skeleton, qpos: np.ndarray, qvel: np.ndarray
+    ) -> None:
+        """Set DART's state of an upright robot: rotation before position."""
+        position = np.zeros(robot.getNumDofs())
+        velocity = np.zeros_like(position)
+        position[TURN:PLACE] = qpos[:3]
+        position[PLACE:] = qpos[self.from_model]
+        velocity[:TURN], velocity[TURN:PLACE] = qvel[3:6], qvel[:3]
+        robot.setPositions(position)
+        robot.setVelocities(velocity)
 
-        Raises:
-            ValueError: another rate.
-        """
-        return self._play(Flock, targets, rate_hz, seeds)
+    def _state(self) -> tuple[np.ndarray, np.ndarray]:
+        """DART's positions and velocities, [N, D]."""
+        return (
+            np.array([robot.getPositions() for robot in self.robots]),
+            np.array([robot.getVelocities() for robot in self.robots]),
+        )
 
-    def hung(self) -> Hung:
-        """Return this robot with its torso held in the air."""
-        return Hung(self.name, partial(self._play, HungFlock))
+    def _prepare(self, poses: np.ndarray) -> None:
+        """Fill the delay lines with the first pose and the first reading."""
+        count = len(self.robots)
+        self.step = 0
+        self.late = round(E1.command_delay / STEP)
+        self.lag = round(E1.sensor_delay / STEP)
+        self.queue: deque = deque()
+        self.target = poses
+        nothing = (np.zeros((count, size)) for size in (len(JOINTS), 3, 3, CORNERS))
+        first = self._look(Reading(*nothing), np.arange(count))
+        self.seen: deque = deque([(-self.lag, first)])
 
-    def _play(
-        self,
-        kind: type[Flock],
-        targets: np.ndarray,
-        rate_hz: float,
-        seeds: Sequence[int] | np.ndarray,
-    ) -> Trajectory:
-        jobs = [
-            (kind, self.body_seed, targets[some], rate_hz, seeds[some])
-            for some in self._shares(targets, seeds)
-        ]
-        return _join(self._begun(play_some, jobs)())
+    def _look(self, before: Reading, living: np.ndarray) -> Reading:
+        """Return what the sensors of living robots feel now, without errors."""
+        now = Reading(*(field.copy() for field in before))
+        world = WORLD()
+        for index in living:
+            torso, physics = self.torsos[index], self.worlds[index]
+            turn = torso.getWorldTransform().rotation().T
+            pull = torso.getLinearAcceleration(self.imu, world, world)
+            contacts = physics.getLastCollisionResult().getContacts()
+            now.angle[index] = self.robots[index].getPositions()[self.slots]
+            now.gyro[index] = turn @ torso.getAngularVelocity()
+            now.accelerometer[index] = turn @ (pull - physics.getGravity())
+            now.force[index] = self.ground.forces(index, contacts)
+        return now
 
-    def _shares(self, each: Sized, seeds: Sized) -> list[slice]:
-        """Share runs out evenly, up to TOGETHER a worker at a time."""
-        count = len(each)
-        if count != len(seeds):
-            raise ValueError(f"{len(seeds)} seeds for {count} runs; give one for each")
-        turns = math.ceil(count / (TOGETHER * self.workers))
-        size = math.ceil(count / (turns * self.workers))
-        return [slice(first, first + size) for first in range(0, count, size)]
+    def sense(self) -> Reading:
+        """Return what was true one sensor delay ago; see `course.Machine`."""
+        due = self.step - self.lag
+        while len(self.seen) > 1 and self.seen[1][0] <= due:
+            self.seen.popleft()
+        return self.seen[0][1]
 
-    def _begun(self, run: Callable, jobs: list[tuple]) -> Callable[[], list]:
-        """Begin jobs in the worker processes; a single one is done here, when asked."""
-        if min(self.workers, len(jobs)) == 1:
-            return lambda: [run(*job) for job in jobs]
-        results = self._processes.results(run, jobs)
-        return lambda: [found for _, found in sorted(results, key=itemgetter(0))]
+    def base(self) -> Base:
+        """Return where the torsos are; see `course.Machine`."""
+        frames = [torso.getWorldTransform() for torso in self.torsos]
+        position = np.array([frame.translation() for frame in frames])
+        position[:, :2] -= self.patch
+        quaternion = np.zeros((len(frames), 4))
+        for row, frame in zip(quaternion, frames, strict=True):
+            mujoco.mju_mat2Quat(row, frame.rotation().ravel())
+        return Base(position, quaternion)
 
-    def close(self) -> None:
-        """End the worker processes."""
-        self._processes.close()
+    def advance(self, target: np.ndarray, alive: np.ndarray) -> None:
+        """Run for one control tick; see `course.Machine`."""
+        living = np.flatnonzero(alive)
+        self.queue.append((self.step + self.late, target.copy()))
+        for _ in range(self.substeps):
+            self._substep(living)
+            if (self.step + self.lag) % self.substeps == 0:
+                self.seen.append((self.step, self._look(self.seen[-1][1], living)))
+
+    def _substep(self, living: np.ndarray) -> None:
+        while self.queue and self.queue[0][0] <= self.step:
+            self.target = self.queue.popleft()[1]
+        position, velocity = self._state()
+        legs = self.chains.at(position)
+        self.ground.lay(legs.turn, legs.place)
+        force = self._drive(position, velocity)
+        force += self.rotors.act(legs, velocity, STEP)
+        for index in living:
+            self.robots[index].setForces(force[index])
+            self.worlds[index].step()
+        self.step += 1
+
+    def _drive(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """Torques of motors and shafts in DART's coordinates [N, D]."""
+        angle, speed = position[:, self.slots], velocity[:, self.slots]
+        seen = error(E1, self.target, encode(E1, angle, self.body.offset))
+        force = np.zeros(position.shape)
+        force[:, self.slots] = torque(self.motors, seen, speed)
+        left, twin = self.slots[COUPLED], self.twin
+        shaft = SHAFT_STIFFNESS * (position[:, left] - position[:, twin])
+        shaft += SHAFT_DAMPING * (velocity[:, left] - velocity[:, twin])
+        force[:, left] -= shaft
+        force[:, twin] += shaft
+        return force
 
 
-def _join(parts: Sequence[Any]) -> Any:
-    """Put equal records together along their first axis."""
-    first = parts[0]
-    if isinstance(first, tuple):
-        return type(first)(*map(_join, zip(*parts, strict=True)))
-    return np.concatenate(parts)
+class HungFlock(Flock):
+    """The same robots, their torsos held in the air."""
+
+    def _begin(self, poses: np.ndarray, runs: list[Run], floor: Floor) -> None:
+        """Lift the robots and lock their torsos."""
+        for robot, pose, run in zip(self.robots, poses, runs, strict=True):
+            self._place(robot, *hung_state(pose, run, floor))
+            locked = dartpy.dynamics.ActuatorType.LOCKED
+            robot.getRootJoint().setActuatorType(locked)
+
+
+def _world(*skeletons: dartpy.dynamics.Skeleton) -> dartpy.simulation.World:
+    """Put skeletons into a world of their own."""
+    world = dartpy.simulation.World()
+    world.setTimeStep(STEP)
+    world.setGravity(nominal().opt.gravity)
+    world.setCollisionDetector(dartpy.collision.DARTCollisionDetector())
+    for each in skeletons:
+        world.addSkeleton(each)
+    return world
+
+
+ENGINE = Engine("DART, 1 ms", Flock, HungFlock, together=8)

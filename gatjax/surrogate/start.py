@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import mujoco
@@ -9,7 +10,15 @@ import numpy as np
 
 from gatjax.records import FORCE_SENSORS, JOINTS
 from gatjax.robot import model as robot_model
-from gatjax.surrogate.e1 import FLOOR_STREAM, RUN_STREAM, Body, Constants, nominal
+from gatjax.surrogate.e1 import (
+    E1,
+    FLOOR_STREAM,
+    RUN_STREAM,
+    Body,
+    Constants,
+    draw_body,
+    nominal,
+)
 from gatjax.task import Task, task_at
 
 SETTLE = 1.0  # s in which a robot comes to rest before it plays a motion
@@ -55,6 +64,13 @@ def draw_floor(body: Body, constants: Constants) -> Floor:
     count = round(constants.floor_side / constants.floor_step) + 1
     height = rng.normal(0.0, constants.floor_roughness, (count, count))
     return Floor(height, constants.floor_step)
+
+
+@lru_cache(maxsize=4)
+def series(body_seed: int) -> tuple[Body, Floor]:
+    """Draw one body of the series, and its floor."""
+    body = draw_body(body_seed)
+    return body, draw_floor(body, E1)
 
 
 def draw_run(body: Body, seed: int, task: Task, constants: Constants) -> Run:

@@ -11,36 +11,24 @@ gear 0, which moves nothing and whose force is the command that has arrived.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Sequence
-from functools import lru_cache, partial
+from functools import lru_cache
 
 import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from gatjax import processors
-from gatjax import task as tasks
-from gatjax.motions import Limbs, standing_nao
-from gatjax.records import JOINTS, Base, Outcome, Reading, Trajectory
+from gatjax.records import JOINTS, Base, Reading
 from gatjax.robot import nao
 from gatjax.robot.model import slots
-from gatjax.surrogate import course
-from gatjax.surrogate.e1 import E1, Body, draw_body, inertials, published
-from gatjax.surrogate.hung import Hung, hung_state
+from gatjax.surrogate.e1 import E1, Body, inertials
+from gatjax.surrogate.hung import hung_state
 from gatjax.surrogate.servo import encode, error, servo
-from gatjax.surrogate.start import (
-    Floor,
-    Run,
-    draw_floor,
-    draw_run,
-    first_state,
-    playing,
-)
+from gatjax.surrogate.standin import Engine
+from gatjax.surrogate.start import Floor, Run, first_state, series
 from gatjax.task import Task
 
 STEP = 0.0005  # s, physics
 SERVO_STEPS = 2  # physics steps in a servo period of 1 ms
-THREADS = len(processors.usable())
 BATTERY = 21.6  # V, nominal; only its products with the motor constants matter [S6]
 LINE = "command."  # prefix of the delay lines
 FLOOR_BASE = 0.1  # m, thickness of the floor under its lowest point
@@ -179,7 +167,7 @@ class Flock:
         self.motor, self.line = slice(0, joints), slice(joints, 2 * joints)
         # a run that diverges must stay so: MuJoCo would set it up again, standing
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-        batch = self.batch = Batch(model, nsim=len(runs), nthread=THREADS)
+        batch = self.batch = Batch(model, nsim=len(runs), nthread=1)
         self.qpos, self.ctrl = batch.bind("qpos"), batch.bind("ctrl")
         self.arrived = batch.bind("actuator_force")
         self.sensordata = batch.bind("sensordata")
@@ -286,69 +274,8 @@ def _fill(
 
 
 @lru_cache(maxsize=2)
-def _series(body_seed: int) -> tuple[Body, Floor]:
-    body = draw_body(body_seed)
-    return body, draw_floor(body, E1)
-
-
-@lru_cache(maxsize=2)
 def _model(body_seed: int) -> mujoco.MjModel:
-    return build(*_series(body_seed))
+    return build(*series(body_seed))
 
 
-class Stiff:
-    """The robot `stiff`: one body of the series; see `gatjax.surrogate.make_robot`."""
-
-    name = "stiff"
-
-    def __init__(self, body_seed: int) -> None:
-        """Choose a body."""
-        self.body_seed = body_seed
-
-    def constants(self) -> dict:
-        """Return what `robot.json` says about this robot."""
-        return published("MuJoCo C, 0.5 ms", draw_body(self.body_seed))
-
-    def walk(
-        self,
-        policies: np.ndarray,
-        seeds: Sequence[int] | np.ndarray,
-        task: Task | None = None,
-    ) -> tuple[Trajectory, Outcome]:
-        """Let N robots walk: policies [N, 15], seeds [N]; records [N, T, ...], [N]."""
-        task = task or Task()
-        body, floor = _series(self.body_seed)
-        runs = [draw_run(body, int(seed), task, E1) for seed in seeds]
-        policies = np.asarray(policies, dtype=float)
-        flock = Flock(body, floor, runs, tasks.pose(policies), task)
-        return course.walk(flock, E1, body, runs, policies, task)
-
-    def limbs(self) -> Limbs:
-        """Return what a motion must know of this robot, which stands."""
-        return standing_nao()
-
-    def play(
-        self, targets: np.ndarray, rate_hz: float, seeds: Sequence[int] | np.ndarray
-    ) -> Trajectory:
-        """Let N standing robots follow targets [N, T, J] rad with seeds [N].
-
-        The result is a Trajectory [N, T, ...]; see `gatjax.surrogate.dart.Dart.play`.
-        """
-        return self._play(Flock, targets, rate_hz, seeds)
-
-    def hung(self) -> Hung:
-        """Return this robot with its torso held in the air."""
-        return Hung(self.name, partial(self._play, HungFlock))
-
-    def _play(
-        self,
-        kind: type[Flock],
-        targets: np.ndarray,
-        rate_hz: float,
-        seeds: Sequence[int] | np.ndarray,
-    ) -> Trajectory:
-        body, floor = _series(self.body_seed)
-        task = playing(targets.shape[1], rate_hz)
-        runs = [draw_run(body, int(seed), task, E1) for seed in seeds]
-        flock = kind(body, floor, runs, targets[:, 0], task)
-        return course.play(flock, E1, body, runs, targets, task)
+ENGINE = Engine("MuJoCo C, 0.5 ms", Flock, HungFlock, together=32)
