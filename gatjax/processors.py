@@ -1,7 +1,4 @@
-"""Processors that this process may use, and the machine's memory.
-
-A job of a cluster has a share of the processors only.
-"""
+"""Processors that this process may use: a job of a cluster has a share of them only."""
 
 from __future__ import annotations
 
@@ -28,7 +25,7 @@ def shares(count: int) -> list[set[int]]:
 
 
 def memory() -> float:
-    """Bytes of the machine; infinite where the system does not tell."""
+    """Bytes of the whole machine; infinite where the system does not tell."""
     known = getattr(os, "sysconf_names", {})
     if not {"SC_PHYS_PAGES", "SC_PAGE_SIZE"} <= set(known):
         return math.inf

@@ -40,11 +40,10 @@ class Workers:
     ) -> Iterator[tuple[int, Any]]:
         """Begin to call a function of a module with each of some arguments.
 
-        Whatever ends this early, Ctrl-C too, ends the processes.
-
         Returns:
             An iterator over the place among the jobs and what the function returned, as
-            they get done.
+            they get done. Whatever ends it early, Ctrl-C too, ends the processes; who
+            does not begin to listen has to `close`.
 
         Raises:
             BrokenProcessPool: a process ended, for want of memory most often.

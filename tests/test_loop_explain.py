@@ -56,6 +56,16 @@ class Hanging(Late):
         return loop.Simulator(add_cause(held, "command_delay", ["all"], DELAY))
 
 
+class Wandering(Late):
+    """The same robot, which walks in processes of its own."""
+
+    def begin_walks(self, policies, seeds, task):
+        raise AssertionError("only a search on mjx lets it")
+
+    def drop_walks(self):
+        raise AssertionError("nothing was begun")
+
+
 class Walker:
     """The same robot, which can only walk."""
 
@@ -313,9 +323,11 @@ def test_what_cannot_be_diagnosed_ahead_is_told_once(pair):
     assert sum(work) == pytest.approx(2 * DIAGNOSIS_UNIT)
 
 
-def test_the_robot_plays_for_all_trials_at_once_and_for_each_as_alone(
-    run, robot, tmp_path, monkeypatch
+@pytest.mark.parametrize(("kind", "calls"), [(Wandering, [2] * 3), (Late, [1] * 6)])
+def test_a_robot_elsewhere_plays_for_all_trials_at_once_and_for_each_as_alone(
+    kind, calls, run, tmp_path, monkeypatch
 ):
+    robot = kind()
     monkeypatch.setattr(explain, "Workers", InTurn)
     trials, played, play = [], [], robot.play
     for seed in (SETTINGS.seed, SETTINGS.seed + 1):
@@ -329,7 +341,7 @@ def test_the_robot_plays_for_all_trials_at_once_and_for_each_as_alone(
 
     monkeypatch.setattr(robot, "play", heard)
     explain.ahead(trials, 2, 1e12)
-    assert played == [2, 2, 2]
+    assert played == calls
     for path in (run[0] / "recordings").glob("explain_*"):
         one, other = (read_recording(each.folder / "recordings" / path.name)
                       for each in trials)  # fmt: skip

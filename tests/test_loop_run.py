@@ -13,6 +13,7 @@ from gatjax.loop.setting import Entry, Setting
 from gatjax.report import build_report
 from gatjax.settings import LoopSettings, SearchSettings
 from gatjax.sim.world import add_cause, nominal
+from gatjax.walk.parameters import THETA0
 
 SETTINGS = LoopSettings(
     methods=("none", "gat"),
@@ -99,20 +100,38 @@ def test_a_run_leaves_what_the_contract_says(done):
     assert build_report(done).stat().st_size > 50_000
 
 
+class Wandering(Late):
+    """A robot that walks in processes of its own."""
+
+    def __init__(self, told):
+        super().__init__()
+        self.told = told
+
+    def walk(self, policies, seeds, task):
+        self.told.append(list(seeds))
+        return super().walk(policies, seeds, task)
+
+    def begin_walks(self, policies, seeds, task):
+        self.told.append(f"begin {len(seeds)}")
+
+        def wait():
+            self.told.append("wait")
+            return super(Wandering, self).walk(policies, seeds, task)[1]
+
+        return wait
+
+    def drop_walks(self):
+        self.told.append("drop")
+
+
 def test_trials_side_by_side_walk_together_and_each_finds_what_it_finds_alone(
-    tmp_path, monkeypatch, robot, done
+    tmp_path, done
 ):
     one = dataclasses.replace(SETTINGS, methods=("none",))
     both = [one, dataclasses.replace(one, seed=1)]
     folders = [runs.open_run(tmp_path / str(each.seed), each).path for each in both]
-    told, walk = [], robot.walk
-
-    def heard(policies, seeds, task):
-        told.append(list(seeds))
-        return walk(policies, seeds, task)
-
-    monkeypatch.setattr(robot, "walk", heard)
-    loop.run_all(folders, both, robot, quiet())
+    told = []
+    loop.run_all(folders, both, Wandering(told), quiet())
     # theta0 confirmed and shown, two logs, two times candidates, winners, best shown
     assert [len(seeds) for seeds in told] == [20, 2, 5, 5, 8, 8, 20, 2]
     for seeds in (told[0], told[1], told[6], told[7]):  # of both trials, all different
@@ -129,44 +148,29 @@ def test_trials_side_by_side_walk_together_and_each_finds_what_it_finds_alone(
         assert (folder / "walks" / "none_best_robot.npz").is_file()
 
 
-class Wandering(Late):
-    """A robot that walks in processes of its own."""
-
-    def __init__(self, told):
-        super().__init__()
-        self.told = told
-
-    def begin(self, policies, seeds, task):
-        self.told.append(f"begin {len(seeds)}")
-
-        def wait():
-            self.told.append("wait")
-            return self.walk(policies, seeds, task)[1]
-
-        return wait
-
-    def close(self):
-        self.told.append("close")
-
-
 def searching(told, monkeypatch):
-    """Let a search find a policy a generation at once, and say so."""
+    """Let a search find a policy a generation at once, and say what it began with."""
 
     def search(alike, iteration, thetas):
         name = alike[0][1].name
-        told.append(f"search {name}")
+        told.append((name, iteration, *(theta[0] for theta in thetas)))
+        step = {"none": 1.01, "gat": 0.99}[name]
         return [
-            [loop.Candidate(name, 0, n, "best", (1.0 + 0.01 * n) * t) for n in range(2)]
-            for t in thetas
+            [
+                loop.Candidate(name, iteration, n, "best", step**n * theta)
+                for n in range(2)
+            ]
+            for theta in thetas
         ]
 
     monkeypatch.setattr(stages, "search", search)
 
 
-def test_a_robot_elsewhere_walks_while_a_gpu_searches_on(tmp_path, monkeypatch, robot):
-    told = []
+def test_a_robot_elsewhere_walks_while_the_next_search_goes_on(
+    tmp_path, monkeypatch, robot
+):
+    told, folders, said = [], [], []
     searching(told, monkeypatch)
-    folders = []
     for name, backend, walker in (
         ("a", "mjx", Wandering(told)),
         ("b", "native", Wandering(told)),
@@ -177,40 +181,52 @@ def test_a_robot_elsewhere_walks_while_a_gpu_searches_on(tmp_path, monkeypatch, 
         )
         folders.append(runs.open_run(tmp_path, settings, name).path)
         loop.run(folders[-1], settings, walker, quiet())
-    theta0, winners = ["begin 10", "wait"], ["begin 20", "wait"]
-    searched = ["search none", "search gat"]
-    none, gat = ([each, "begin 4"] for each in searched)
-    assert told == [
-        *theta0,
-        *none,
-        *gat,
-        "wait",
-        "wait",
-        *winners,
-        *searched,
-        *searched,
-    ]
+        said.append([x if isinstance(x, str | tuple) else len(x) for x in told])
+        told.clear()
+    none, gat = ((name, 0, THETA0[0]) for name in ("none", "gat"))
+    assert said[0] == [10, 1, none, "begin 4", gat, "begin 4", "wait", "wait", 20, 2]
+    assert said[1] == [10, 1, none, 4, gat, 4, 20, 2]
     for name in ("metrics.csv", "evaluations.csv"):
         one, other, third = (rows_of(folder / name) for folder in folders)
         assert one == other == third
 
 
-def test_a_stop_gives_up_walks_that_were_begun(tmp_path, monkeypatch):
+def test_every_method_goes_on_from_its_own_best_walk(tmp_path, monkeypatch, robot):
     told = []
     searching(told, monkeypatch)
+    settings = dataclasses.replace(SETTINGS, candidates=("best",), iterations=2)
+    loop.run(runs.open_run(tmp_path, settings).path, settings, robot, quiet())
+    assert [each[:2] for each in told] == [
+        ("none", 0), ("gat", 0), ("none", 1), ("gat", 1)
+    ]  # fmt: skip
+    begun = [each[2] / THETA0[0] for each in told]
+    np.testing.assert_allclose(begun, [1.0, 1.0, 1.01, 0.99])
+
+
+def test_a_stop_drops_walks_that_were_begun_and_they_are_made_again(
+    tmp_path, monkeypatch, robot
+):
+    told, tables = [], []
+    searching(told, monkeypatch)
     settings = dataclasses.replace(SETTINGS, candidates=("best",), backend="mjx")
-    folder = runs.open_run(tmp_path, settings).path
-    found = stages.search
+    folder = runs.open_run(tmp_path, settings, "stopped").path
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        found = stages.search
 
-    def stopped(alike, iteration, thetas):
-        if alike[0][1].name == "gat":
-            raise KeyboardInterrupt
-        return found(alike, iteration, thetas)
+        def stopped(alike, iteration, thetas):
+            if alike[0][1].name == "gat":
+                raise KeyboardInterrupt
+            return found(alike, iteration, thetas)
 
-    monkeypatch.setattr(stages, "search", stopped)
-    with pytest.raises(KeyboardInterrupt):
+        patch.setattr(stages, "search", stopped)
         loop.run(folder, settings, Wandering(told), quiet())
-    assert told == ["begin 10", "wait", "search none", "begin 4", "close"]
+    assert told[-2:] == ["begin 4", "drop"]
+    whole = runs.open_run(tmp_path, settings, "whole").path
+    for each in (folder, whole):
+        loop.run(each, settings, Wandering(told), quiet())
+        tables.append(rows_of(each / "evaluations.csv"))
+    assert tables[0] == tables[1]
+    assert len(tables[0]) == 10 + 2 * 4 + 2 * 10
 
 
 def _is_check(path, rows):

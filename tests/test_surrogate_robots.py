@@ -63,9 +63,10 @@ def test_the_same_seeds_give_the_same_walk_and_others_do_not(name):
     assert np.any(first[0].base.position != another[0].base.position)
 
 
-def test_dart_wants_a_seed_for_each_run():
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_robot_wants_a_seed_for_each_run(name):
     with pytest.raises(ValueError, match="1 seeds for 2 runs; give one for each"):
-        make_robot("dart").walk(np.tile(THETA0, (2, 1)), [3], SHORT)
+        make_robot(name).walk(np.tile(THETA0, (2, 1)), [3], SHORT)
 
 
 @pytest.mark.parametrize("name", ROBOTS)
@@ -74,12 +75,14 @@ def test_walks_do_not_depend_on_the_number_of_workers(name):
     one, two = (make_robot(name, workers=count) for count in (1, 2))
     try:
         alone = one.walk(policies, range(3), SHORT)
-        begun = [each.begin(policies, range(3), SHORT) for each in (two, two, one)]
+        begun = [
+            each.begin_walks(policies, range(3), SHORT) for each in (two, two, one)
+        ]
         same(alone, two.walk(policies, range(3), SHORT))
         for wait in begun:
             same(alone[1], wait())
     finally:
-        two.close()
+        two.drop_walks()
 
 
 @pytest.mark.parametrize("name", ROBOTS)

@@ -52,6 +52,16 @@ def test_each_keeps_to_its_share_of_the_processors():
         workers.close()
 
 
+def test_jobs_begin_before_anybody_listens(workers, tmp_path):
+    results = workers.results(Path.touch, [(tmp_path / "done",)])
+    for _ in range(200):
+        if (tmp_path / "done").exists():
+            break
+        time.sleep(0.1)
+    assert (tmp_path / "done").exists()
+    assert dict(results) == {0: None}
+
+
 def test_an_error_of_one_ends_the_others(workers):
     with pytest.raises(ValueError, match="non-negative"):
         list(workers.results(time.sleep, [(600.0,), (-1.0,)]))

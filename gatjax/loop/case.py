@@ -17,7 +17,7 @@ from gatjax.diagnosis.start import Start
 from gatjax.loop.collect import collect, collect_motion, collect_motion_together
 from gatjax.loop.ground import HELD_OUT
 from gatjax.loop.play import Hangable, Player
-from gatjax.loop.setting import Robot, Setting
+from gatjax.loop.setting import Away, Robot, Setting
 from gatjax.records import JOINTS
 from gatjax.robot.model import HUNG
 from gatjax.robot.nao import LIMITS
@@ -73,9 +73,9 @@ def tried(case: Case) -> str | None:
 
 
 def play_together(trials: Sequence[Setting]) -> None:
-    """Let the robot play the motions of a diagnosis in all trials at once."""
+    """Let an `Away` robot play the motions of a diagnosis in all trials at once."""
     robot, _ = _player(trials[0])
-    if isinstance(robot, Player):
+    if isinstance(robot, Player) and isinstance(trials[0].robot, Away):
         for name in (*FIT, *HELD):
             collect_motion_together(trials, robot, name, SECONDS)
 

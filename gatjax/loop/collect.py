@@ -54,7 +54,7 @@ def collect_motion(
     """
     path = _motion_file(setting, robot, name)
     if not path.exists():
-        recording, _ = record_motion(robot, _play([setting], robot, name, seconds))
+        recording, _ = record_motion(robot, _asked([setting], robot, name, seconds))
         write_recording(path, recording)
     return read_recording(path)
 
@@ -69,7 +69,7 @@ def collect_motion_together(
     left = [each for each in trials if not _motion_file(each, robot, name).exists()]
     if not left:
         return
-    play = _play(left, robot, name, seconds)
+    play = _asked(left, robot, name, seconds)
     trajectory = played(robot, play)
     for index, setting in enumerate(left):
         run = jax.tree.map(lambda leaf, at=index: np.asarray(leaf)[[at]], trajectory)
@@ -88,8 +88,8 @@ def _base(robot: Player) -> str:
     return "standing" if robot.limbs().floating else "hung"
 
 
-def _play(trials: Sequence[Setting], robot: Player, name: str, seconds: float) -> Play:
-    """Play a motion of the menu, each trial with a draw of its own."""
+def _asked(trials: Sequence[Setting], robot: Player, name: str, seconds: float) -> Play:
+    """Announce a motion of the menu; return it, each trial with a draw of its own."""
     text = f"collect the motion {name} of {robot.name}, {_base(robot)}"
     trials[0].progress.stage(text)
     motion, number, limbs = MENU[name], list(MENU).index(name), robot.limbs()

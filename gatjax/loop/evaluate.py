@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -15,6 +15,7 @@ from gatjax.loop.setting import CONFIRMATIONS, ROBOT_UNIT, Away, Setting
 from gatjax.records import Array, Outcome
 from gatjax.settings import CONFIRMATION, EVALUATION, seeds
 from gatjax.sim.poses import write_walk
+from gatjax.task import Task
 
 
 class Walks(NamedTuple):
@@ -25,55 +26,67 @@ class Walks(NamedTuple):
     seeds: Sequence[int]
 
 
-def begin(asked: Sequence[Walks], stage: str) -> Callable[[], None]:
+def walk(asked: Sequence[Walks], stage: str) -> None:
     """Let candidates of runs with the same robot walk, once, in one call of the robot.
 
-    Returns:
-        What waits until all of them have walked, and keeps how they fared. Only a robot
-        that walks away from here, while a GPU searches, needs to be waited for.
+    It is kept when all of them have walked.
     """
-    left = [each._replace(candidates=_left(each)) for each in asked]
-    left = [each for each in left if each.candidates]
-    pairs = [
-        (candidate.policy, seed)
-        for each in left
-        for candidate in each.candidates
-        for seed in each.seeds
-    ]
-    setting = asked[0].setting
-    robot, progress = setting.robot, setting.progress
-    total = sum(len(each.candidates) * len(each.seeds) for each in asked)
+    left, setting = _left(asked), asked[0].setting
+    if left:
+        setting.progress.stage(stage)
+        _, outcome = setting.robot.walk(*_walks(left))
+        _keep(left, outcome)
+    _tell(asked)
 
-    def keep(outcome: Outcome | None) -> None:
-        if outcome is not None:
-            _keep(left, outcome)
-        progress.work(ROBOT_UNIT * total)
 
-    if not pairs:
-        keep(None)
-        return nothing
-    progress.stage(stage)
-    policies, every = zip(*pairs, strict=True)
-    walks = np.stack(policies), every, setting.task
-    if setting.settings.backend == "mjx" and isinstance(robot, Away):
-        wait = robot.begin(*walks)
-        return lambda: keep(wait())
-    keep(robot.walk(*walks)[1])
-    return nothing
+def begin(robot: Away, asked: Sequence[Walks], stage: str) -> Callable[[], None]:
+    """Begin what `walk` does; returns what waits for the walks and keeps them."""
+    left = _left(asked)
+    if left:
+        asked[0].setting.progress.stage(stage)
+    wait = robot.begin_walks(*_walks(left)) if left else None
+
+    def keep() -> None:
+        if wait is not None:
+            _keep(left, wait())
+        _tell(asked)
+
+    return keep
 
 
 def nothing() -> None:
     """Wait for nothing."""
 
 
-def _left(asked: Walks) -> list[Candidate]:
+def _left(asked: Sequence[Walks]) -> list[Walks]:
     """Return the candidates that did not walk on the robot yet."""
-    known = measured(asked.setting.folder, "robot_rollouts")
-    return [c for c in asked.candidates if tuple(c.key.values()) not in known]
+    left = []
+    for each in asked:
+        known = measured(each.setting.folder, "robot_rollouts")
+        some = [c for c in each.candidates if tuple(c.key.values()) not in known]
+        if some:
+            left.append(each._replace(candidates=some))
+    return left
+
+
+def _walks(left: Sequence[Walks]) -> tuple[Array, list[int], Task]:
+    """Policies [N, 15] and seeds [N], in the order of runs, candidates and seeds."""
+    pairs = [
+        (candidate.policy, seed)
+        for each in left
+        for candidate in each.candidates
+        for seed in each.seeds
+    ]
+    return np.stack([p for p, _ in pairs]), [s for _, s in pairs], left[0].setting.task
+
+
+def _tell(asked: Sequence[Walks]) -> None:
+    count = sum(len(each.candidates) * len(each.seeds) for each in asked)
+    asked[0].setting.progress.work(ROBOT_UNIT * count)
 
 
 def _keep(walked: Sequence[Walks], outcome: Outcome) -> None:
-    """Write walks, in the order of runs, candidates and seeds, into their runs."""
+    """Write walks, in the order of `_walks`, into their runs."""
     first = 0
     for each in walked:
         end = first + len(each.candidates) * len(each.seeds)
@@ -106,18 +119,23 @@ def _write(walked: Walks, velocity: Array, fell_at: Array) -> None:
 def evaluate(
     found: Sequence[tuple[Setting, list[Candidate]]],
 ) -> Callable[[], None]:
-    """Walk every candidate of searches on the robot, run by run; see `begin`."""
-    begun = []
-    for run, candidates in found:
-        drawn = seeds(EVALUATION, run.settings.seed, run.settings.evaluations)
-        stage = f"{candidates[0].method}: walk on the robot"
-        begun.append(begin([Walks(run, candidates, drawn)], stage))
+    """Walk every candidate of searches on the robot.
 
-    def keep() -> None:
-        for one in begun:
-            one()
-
-    return keep
+    Returns:
+        What waits for the walks, and keeps them. On mjx, where a GPU may search on, an
+        `Away` robot only begins here; other ones have walked, run by run.
+    """
+    setting, candidates = found[0]
+    stage = f"{candidates[0].method}: walk on the robot"
+    asked = [
+        Walks(run, some, seeds(EVALUATION, run.settings.seed, run.settings.evaluations))
+        for run, some in found
+    ]
+    if setting.settings.backend == "mjx" and isinstance(setting.robot, Away):
+        return begin(setting.robot, asked, stage)
+    for each in asked:
+        walk([each], stage)
+    return nothing
 
 
 def confirm(found: Sequence[tuple[Setting, Candidate]], stage: str) -> None:
@@ -129,8 +147,8 @@ def confirm(found: Sequence[tuple[Setting, Candidate]], stage: str) -> None:
         Walks(run, [one], seeds(CONFIRMATION, run.settings.seed, CONFIRMATIONS))
         for run, one in found
     ]
-    if fresh:
-        begin(fresh, stage)()
+    for some in _calls(fresh):
+        walk(some, stage)
 
 
 def winner(setting: Setting, candidates: list[Candidate]) -> Candidate | None:
@@ -168,13 +186,18 @@ class Shown(NamedTuple):
 
 def show(wanted: Sequence[Shown]) -> None:
     """Keep one walk on the robot for each of some animations, once."""
-    left = [one for one in wanted if not one.path.exists()]
-    if not left:
-        return
-    runs = [one.setting for one in left]
-    ones = [seeds(CONFIRMATION, run.settings.seed, 1)[0] for run in runs]
-    policies = np.stack([one.policy for one in left])
-    walks, _ = runs[0].robot.walk(policies, ones, runs[0].task)
-    for index, one in enumerate(left):
-        walk = jax.tree.map(lambda leaf, at=index: np.asarray(leaf)[at], walks)
-        write_walk(one.path, one.setting.world.model, walk, one.label)
+    for some in _calls([one for one in wanted if not one.path.exists()]):
+        runs = [one.setting for one in some]
+        ones = [seeds(CONFIRMATION, run.settings.seed, 1)[0] for run in runs]
+        policies = np.stack([one.policy for one in some])
+        walks, _ = runs[0].robot.walk(policies, ones, runs[0].task)
+        for index, one in enumerate(some):
+            walk = jax.tree.map(lambda leaf, at=index: np.asarray(leaf)[at], walks)
+            write_walk(one.path, one.setting.world.model, walk, one.label)
+
+
+def _calls(each: Sequence[Any]) -> list[Sequence[Any]]:
+    """Share work out to calls of the robot: all at once if it is `Away`, or singly."""
+    if each and isinstance(each[0].setting.robot, Away):
+        return [each]
+    return [[one] for one in each]

@@ -114,8 +114,8 @@ def ahead(trials: Sequence[Setting], cores: int, memory: float) -> set[Path]:
         Run folders whose diagnoses are done, and told to the progress.
     """
     left = [each for each in trials if not _decided(each)]
-    told: set[Path] = set()
-    count, progress = int(min(len(left), cores, memory / MEMORY)), trials[0].progress
+    count, told = int(min(len(left), cores, memory / MEMORY)), set()
+    progress = trials[0].progress
     if count < 2:
         return told
     cases = []

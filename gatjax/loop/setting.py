@@ -48,16 +48,19 @@ class Robot(Protocol):
 
 @runtime_checkable
 class Away(Protocol):
-    """A robot that walks in processes of its own: a search can go on beside it."""
+    """A robot that walks in processes of its own: many walks at once cost less.
 
-    def begin(
+    Such walks can be made again; those of other robots are kept as they are made.
+    """
+
+    def begin_walks(
         self, policies: Array, seeds: Sequence[int] | np.ndarray, task: Task
     ) -> Callable[[], Outcome]:
         """Begin what `Robot.walk` does; returns what waits for how they fared [N]."""
         ...
 
-    def close(self) -> None:
-        """Give up walks that were begun."""
+    def drop_walks(self) -> None:
+        """Give up what was begun."""
         ...
 
 

@@ -157,7 +157,10 @@ def improve(
 def _tried(
     compared: Sequence[tuple[Setting, Entry]], iteration: int, thetas: Sequence[Array]
 ) -> list[list[Candidate]]:
-    """Search, and try what is found on the robot: on a GPU, beside the next search."""
+    """Search, and try what is found on the robot: on mjx, beside the next search.
+
+    A stop drops walks that were begun, those of one entry; they are made again.
+    """
     begun, walking = iter(thetas), nothing
     found: list[list[Candidate]] = []
     try:
@@ -171,7 +174,7 @@ def _tried(
     except BaseException:
         robot = compared[0][0].robot
         if isinstance(robot, Away):
-            robot.close()
+            robot.drop_walks()
         raise
     return found
 

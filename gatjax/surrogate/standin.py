@@ -102,13 +102,14 @@ class StandIn:
         walks, verdicts = zip(*found, strict=True)
         return _join(walks), _join(verdicts)
 
-    def begin(
+    def begin_walks(
         self, policies: np.ndarray, seeds: Sequence[int] | np.ndarray, task: Task
     ) -> Callable[[], Outcome]:
         """Let N robots walk while this process does something else; see `walk`.
 
         Returns:
-            What waits for them and gives their Outcome [N].
+            What waits for them and gives their Outcome [N]. A single worker walks while
+            it is waited for. Who does not wait calls `drop_walks`.
         """
         wait = self._begun(judge_some, self._jobs(policies, seeds, task))
         return lambda: _join(wait())
@@ -176,8 +177,8 @@ class StandIn:
         results = self._processes.results(run, jobs)
         return lambda: [found for _, found in sorted(results, key=itemgetter(0))]
 
-    def close(self) -> None:
-        """End the worker processes."""
+    def drop_walks(self) -> None:
+        """End the worker processes, and what they are at; others begin when needed."""
         self._processes.close()
 
 
