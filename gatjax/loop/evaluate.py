@@ -187,10 +187,10 @@ class Shown(NamedTuple):
 def show(wanted: Sequence[Shown]) -> None:
     """Keep one walk on the robot for each of some animations, once."""
     for some in _calls([one for one in wanted if not one.path.exists()]):
-        runs = [one.setting for one in some]
-        ones = [seeds(CONFIRMATION, run.settings.seed, 1)[0] for run in runs]
+        trials = [one.setting for one in some]
+        ones = [seeds(CONFIRMATION, run.settings.seed, 1)[0] for run in trials]
         policies = np.stack([one.policy for one in some])
-        walks, _ = runs[0].robot.walk(policies, ones, runs[0].task)
+        walks, _ = trials[0].robot.walk(policies, ones, trials[0].task)
         for index, one in enumerate(some):
             walk = jax.tree.map(lambda leaf, at=index: np.asarray(leaf)[at], walks)
             write_walk(one.path, one.setting.world.model, walk, one.label)
