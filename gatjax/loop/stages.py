@@ -74,11 +74,8 @@ def run_all(
         thetas = improve(compared, iteration, thetas)
     best = []
     for (setting, entry), theta in zip(compared, thetas, strict=True):
-        name, label = (
-            f"{entry.name}_best_robot",
-            f"best of {entry.name} on {robot.name}",
-        )
-        best.append(Shown(setting, theta, name, label))
+        label = f"best of {entry.name} on {robot.name}"
+        best.append(Shown(setting, theta, f"{entry.name}_best_robot", label))
     show(best)
 
 
