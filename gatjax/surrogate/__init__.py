@@ -44,9 +44,14 @@ def make_robot(name: str, body_seed: int = 0, workers: int | None = None) -> Rob
         body_seed: draws its masses and offsets.
         workers: processes that share its runs; by default all cores.
     """
-    if name not in ROBOTS:
-        raise ValueError(f"robot {name!r} is unknown; choose from {sorted(ROBOTS)}")
+    engine = engine_of(name)
     from gatjax.surrogate.standin import StandIn
 
-    engine = importlib.import_module(ROBOTS[name]).ENGINE
     return StandIn(name, engine, body_seed, workers)
+
+
+def engine_of(name: str) -> Any:
+    """Return the `gatjax.surrogate.standin.Engine` of a robot by name."""
+    if name not in ROBOTS:
+        raise ValueError(f"robot {name!r} is unknown; choose from {sorted(ROBOTS)}")
+    return importlib.import_module(ROBOTS[name]).ENGINE

@@ -9,7 +9,6 @@ sensors say of it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,10 +17,10 @@ from gatjax.hardware.lola import CHEST, FROM_LOLA, GRAVITY, PERIOD, TO_LOLA
 from gatjax.hardware.poses import tilt_of
 from gatjax.records import JOINTS, Base, Reading
 from gatjax.robot import nao
-from gatjax.surrogate import course
-from gatjax.surrogate.e1 import E1, Body, draw_body
-from gatjax.surrogate.start import NOISES, Floor, Run, draw_floor, draw_run
-from gatjax.task import Task, task_at
+from gatjax.surrogate import course, engine_of
+from gatjax.surrogate.e1 import E1
+from gatjax.surrogate.start import NOISES, draw_run, series
+from gatjax.task import task_at
 
 HANDS = 3.0  # rad/s, joints of a robot that is held
 STEADY = 0.5  # s that a pose is held before the robot is put down
@@ -31,20 +30,6 @@ PRESSES = 2.0  # s between two while it is held without power
 POWER = 0.3  # stiffness from which a leg holds a robot
 LIFT = 0.5  # s without power after which it is picked up
 VERSION, HEAD = "6.0.0", "P0000000000000000000"
-
-Build = Callable[[Body, Floor, Run, np.ndarray, Task], course.Machine]
-
-
-def build_of(robot: str, hung: bool) -> Build:
-    """Return what puts a stand-in robot down, or hangs it up."""
-    if robot == "dart":
-        from gatjax.surrogate.dart import Flock, HungFlock
-    else:
-        from gatjax.surrogate.stiff import Flock, HungFlock
-    kind = HungFlock if hung else Flock
-    return lambda body, floor, run, pose, task: kind(
-        body, floor, [run], pose[None], task
-    )
 
 
 class Told(NamedTuple):
@@ -68,10 +53,10 @@ class SimulatedNao:
             seed: draws its starts and its noise.
             hung: the hands hang it up by its torso instead of putting it down.
         """
-        self.build, self.seed = build_of(robot, hung), seed
+        engine = engine_of(robot)
+        self.flock, self.seed = engine.hung if hung else engine.flock, seed
         self.identity = f"{robot.upper()}{body_seed:0{len(HEAD) - len(robot)}d}"
-        self.body = draw_body(body_seed)
-        self.floor = draw_floor(self.body, E1)
+        self.body, self.floor = series(body_seed)
         self.task = task_at(83.3)
         self.run = 0
         self.angle = np.clip(np.zeros(len(JOINTS)), nao.LOW, nao.HIGH)
@@ -168,7 +153,8 @@ class SimulatedNao:
     def _put_down(self) -> None:
         """Put the robot on its feet, as it is."""
         run = draw_run(self.body, self.seed + self.run, self.task, E1)
-        self.machine = self.build(self.body, self.floor, run, self.angle, self.task)
+        poses = self.angle[None]
+        self.machine = self.flock(self.body, self.floor, [run], poses, self.task)
         self.since = 0.0
 
 
