@@ -14,11 +14,15 @@ from gatjax.effects.effect import memoryless
 from gatjax.loop.optimise import optimise_all
 from gatjax.runs import read_table
 from gatjax.settings import LoopSettings, SearchSettings
-from gatjax.sim.world import add_command, nominal
+from gatjax.sim.world import add_causes, add_command, nominal
 from gatjax.task import Task
 from gatjax.walk.parameters import STEP, THETA0
 
 SETTINGS = SearchSettings(population=4, rollouts=2, generations=2)
+CAUSES = {  # by seed
+    1: [("payload", ["LHipPitch"], {"mass": 0.1})],
+    2: [("torque_limit", ["all"], {"limit": 2.5}), ("dead_band", ["LKneePitch"], 0.01)],
+}
 
 
 def test_trials_are_one_call_and_each_finds_what_it_finds_alone_on_native(tmp_path):
@@ -37,7 +41,8 @@ def test_trials_are_one_call_and_each_finds_what_it_finds_alone_on_native(tmp_pa
     def job(seed, folder):
         (tmp_path / folder / "policies").mkdir(parents=True, exist_ok=True)
         share = np.float64(0.01 * seed)
-        world = add_command(nominal(task), "weak", memoryless(change), share)
+        world = add_causes(nominal(task), CAUSES[seed])
+        world = add_command(world, "weak", memoryless(change), share)
         return loop.Job(
             folder=tmp_path / folder,
             method="gat",

@@ -16,9 +16,10 @@ import pytest
 from gatjax import loop
 from gatjax.settings import LoopSettings
 from gatjax.sim import mjx
+from gatjax.sim.alike import alike
 from gatjax.sim.backend import prepare
 from gatjax.sim.lighter import lighter
-from gatjax.sim.world import add_causes, nominal
+from gatjax.sim.world import add_causes, nominal, stacked
 from gatjax.task import Task
 from gatjax.walk import gait
 from gatjax.walk.parameters import THETA0
@@ -33,10 +34,18 @@ CAUSES = (
 )
 
 
-@pytest.mark.skipif(
+needs_warp = pytest.mark.skipif(
     importlib.util.find_spec("warp") is None,
     reason="warp-lang is not installed (150 MB): pip install 'gatjax[warp]'",
 )
+
+SLIPPERY = (
+    ("coulomb_friction", ["all"], {"torque": 0.3}),
+    ("ground_friction", ["all"], {"mu": 0.3}),
+)
+
+
+@needs_warp
 @pytest.mark.parametrize("causes", [(), CAUSES])
 def test_warp_walks_as_mujoco_c_does(causes, monkeypatch):
     monkeypatch.setattr(mjx, "check_machine", lambda impl: None)
@@ -50,6 +59,21 @@ def test_warp_walks_as_mujoco_c_does(causes, monkeypatch):
     assert (np.abs(ours.velocity) > 0.03).all()  # they walk
     np.testing.assert_array_equal(np.isinf(theirs.fell_at), np.isinf(ours.fell_at))
     np.testing.assert_allclose(theirs.cost, ours.cost, rtol=0, atol=3e-4)
+
+
+@needs_warp
+def test_worlds_of_other_causes_are_one_call_of_warp(monkeypatch):
+    monkeypatch.setattr(mjx, "check_machine", lambda impl: None)
+    worlds = alike([add_causes(nominal(TASK), some) for some in (CAUSES, SLIPPERY)])
+    policies = np.tile(THETA0, (2, 3, 1))
+    keys = jax.random.split(jax.random.key(3), (2, 3))
+    with jax.enable_x64(False):
+        backend = prepare(worlds[0], "mjx", "warp", trials=2)
+        values = stacked([world.values for world in worlds])
+        theirs = jax.vmap(backend.outcome)(values, policies, keys)
+        for place, world in enumerate(worlds):
+            ours = prepare(world).outcome(world.values, policies[place], keys[place])
+            np.testing.assert_allclose(theirs.cost[place], ours.cost, rtol=0, atol=3e-4)
 
 
 @pytest.mark.parametrize("light", [False, True])

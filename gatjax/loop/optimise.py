@@ -30,6 +30,7 @@ from gatjax.loop.steps import (
 )
 from gatjax.runs import Progress
 from gatjax.settings import LoopSettings
+from gatjax.sim.alike import alike
 from gatjax.sim.backend import prepare
 from gatjax.walk.parameters import HIGH, LOW, STEP
 
@@ -59,19 +60,26 @@ def optimise_all(
 ) -> list[list[Candidate]]:
     """Search in trials of one method; on mjx all of them are one compiled call.
 
+    Worlds that differ in their causes are made alike first (`gatjax.sim.alike`).
+
     Args:
         jobs: trials of one method, each with a folder of its own.
         settings: of the runs, whose seeds alone may differ.
         progress: told of every generation.
     """
-    worlds = [job.world for job in jobs]
-    if len(jobs) == 1 or settings.backend != "mjx" or any(w.causes for w in worlds):
+    worlds = light = None
+    if len(jobs) > 1 and settings.backend == "mjx":
+        worlds = alike([job.world for job in jobs])
+        light = worlds and alike([searched(settings, world) for world in worlds])
+    if worlds is None or light is None:
         return [optimise(job, settings, progress) for job in jobs]
 
     def build(space: search.Space) -> Steps:
-        return together(settings, worlds, space, progress.stage)
+        return together(settings, light, space, progress.stage)
 
-    return _found(jobs, settings, progress, build)
+    pairs = zip(jobs, worlds, strict=True)
+    same = [job._replace(world=world) for job, world in pairs]
+    return _found(same, settings, progress, build)
 
 
 def _found(

@@ -90,16 +90,15 @@ def together(
 
     Args:
         settings: of the runs.
-        worlds: of the trials, which differ in the values of their effects alone.
+        worlds: that the trials search in, as `alike` returns them.
         space: of one of them; each state carries its own.
         say: shows a line to the user.
     """
-    light = [searched(settings, world) for world in worlds]
-    step = generation(settings, light[0], space, say=say, trials=len(worlds))
+    step = generation(settings, worlds[0], space, say=say, trials=len(worlds))
 
     def run(due: list[int], states: list, number: int) -> list:
         state = jax.tree.map(lambda *leaves: jnp.stack(leaves), *states)
-        values = stacked([light[index].values for index in due])
+        values = stacked([worlds[index].values for index in due])
         result = step(state, values, np.int32(number))
         return [_of(result, place) for place in range(len(due))]
 

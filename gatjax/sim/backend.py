@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from gatjax.records import Outcome, Trajectory
@@ -55,9 +56,22 @@ def prepare(
 
         def batched(one: Callable[..., Any]) -> Callable[..., Any]:
             def many(values: Any, *each: Array) -> Any:
-                robots = trials * each[0].shape[0]
-                axes = (None, *(0 for _ in each))
-                return jax.vmap(one(world, impl, robots), in_axes=axes)(values, *each)
+                count = each[0].shape[0]
+                run = one(world, impl, trials * count)
+                if trials == 1:
+                    axes = (None, *(0 for _ in each))
+                    return jax.vmap(run, in_axes=axes)(values, *each)
+
+                def own(body: Any, *rest: Array) -> Any:
+                    return run(values._replace(body=body), *rest)
+
+                # Warp takes fields with a row a trial for those of robot 0, 1, 2 and
+                # so on, again and again: each robot has a row.
+                rows = {
+                    name: jnp.broadcast_to(field, (count, *jnp.shape(field)))
+                    for name, field in values.body.items()
+                }
+                return jax.vmap(own)(rows, *each)
 
             return many
 
