@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Iterator
+from pathlib import Path
 
 
 def usable() -> list[int]:
@@ -24,9 +26,35 @@ def shares(count: int) -> list[set[int]]:
     return [set(every[first::count]) for first in range(count)]
 
 
-def memory() -> float:
-    """Bytes of the whole machine; infinite where the system does not tell."""
-    known = getattr(os, "sysconf_names", {})
-    if not {"SC_PHYS_PAGES", "SC_PAGE_SIZE"} <= set(known):
-        return math.inf
-    return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+def memory(
+    told: Path = Path("/proc/self/cgroup"), root: Path = Path("/sys/fs/cgroup")
+) -> float:
+    """Bytes that this process may use; infinite where the system does not tell.
+
+    They are those of the machine, or of the container or the job of a cluster.
+
+    Args:
+        told: lists the control groups of the process (Linux: cgroups(7)).
+        root: where control groups are.
+    """
+    known, whole = getattr(os, "sysconf_names", {}), math.inf
+    if {"SC_PHYS_PAGES", "SC_PAGE_SIZE"} <= set(known):
+        whole = float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    lines = told.read_text().splitlines() if told.exists() else []
+    return min([whole, *(limit for line in lines for limit in _limits(line, root))])
+
+
+def _limits(line: str, root: Path) -> Iterator[float]:
+    """Limits of memory of a control group and of those around it, bytes."""
+    _, kinds, path = line.split(":", 2)
+    file = "memory.limit_in_bytes" if kinds else "memory.max"
+    if kinds and "memory" not in kinds.split(","):
+        return
+    root = root / "memory" if kinds else root
+    folder = root / path.lstrip("/")
+    for place in (folder, *folder.parents):
+        if not place.is_relative_to(root):
+            return
+        text = (place / file).read_text() if (place / file).exists() else ""
+        if text.strip().isdigit():
+            yield float(text)

@@ -30,6 +30,25 @@ def test_only_processors_that_the_process_was_given_are_used():
     assert told.stdout.strip() == "1 1"
 
 
+@pytest.mark.parametrize(
+    ("line", "file"),
+    [("0::{}", "memory.max"), ("4:cpu,memory:{}", "memory/memory.limit_in_bytes")],
+)
+def test_a_job_has_no_more_memory_than_its_cluster_gives_it(tmp_path, line, file):
+    told, root = tmp_path / "cgroup", tmp_path / "groups"
+    assert processors.memory(told, root) > 5e8  # nothing is told: that of the machine
+    own = (root / file).parent / "slurm" / "job_7"
+    own.mkdir(parents=True)
+    told.write_text(f"1:cpuset:/other\n{line.format('/slurm/job_7')}\n")
+    whole = processors.memory(told, root)
+    (own / file.split("/")[-1]).write_text("max\n")
+    assert processors.memory(told, root) == whole
+    (own.parent / file.split("/")[-1]).write_text("300000000\n")  # of all its steps
+    assert processors.memory(told, root) == 3e8
+    (own / file.split("/")[-1]).write_text("200000000\n")
+    assert processors.memory(told, root) == 2e8
+
+
 def test_all_threads_compute_on_the_cpu_and_only_inside():
     before = jax.config.jax_default_device
     with pytest.raises(KeyError), on_cpu(), ThreadPoolExecutor(1) as pool:
