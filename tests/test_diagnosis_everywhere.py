@@ -496,6 +496,22 @@ def test_joints_agree_on_values_that_are_alike(cause, sizes, agree):
     assert agreed.common(judge, claims) is agree
 
 
+def test_joints_agree_on_one_share_of_what_each_motor_has():
+    law = next(h for h in bank.CAUSES if h.cause == "torque_limit")
+    law = law._replace(values=lambda limit, own: {"limit": limit * float(own[0])})
+    judge = object.__new__(Judge)
+    judge.joints = [1.0, 2.0, 3.0, 0.5, 0.2, 8.0]
+
+    def agree(*shares):
+        pairs = enumerate(shares)
+        each = [Claim(law, np.array([own]), (k,), {}, 90.0) for k, own in pairs]
+        return agreed.common(judge, each)
+
+    assert agree(0.3, 0.31, 0.33, 0.28, 0.3, 0.3)
+    assert agree(*(0.1 / limit for limit in judge.joints))  # 0.1 N m at all
+    assert not agree(0.3, 0.1, 0.6, 0.9, 0.3, 0.2)
+
+
 @pytest.mark.parametrize(
     ("gains", "seen", "weak"),
     [
@@ -503,7 +519,8 @@ def test_joints_agree_on_values_that_are_alike(cause, sizes, agree):
         ({(0, 1, 2, 3, 4, 5): 9.0}, 3.0, True),
         ({(0, 1, 2, 3, 4, 5): 11.0}, 0.4, True),  # not to be seen
         ({(0, 1, 2): 90.0, (3, 4, 5): 9.0}, 3.0, True),  # at half of them only
-        ({(0, 1, 2): 11.0, (3,): 11.0, (4, 5): -5.0}, 3.0, False),
+        ({(0, 1, 2): 11.0, (3,): 11.0, (4, 5): -5.0}, 3.0, True),  # nor at two thirds
+        ({(0, 1, 2): 11.0, (3, 4): 11.0, (5,): -5.0}, 3.0, False),
         ({(k,): 9.0 for k in range(6)}, 3.0, True),  # quite something together
         ({(k,): 35.0 if k < 3 else 8.0 for k in range(6)}, 3.0, True),
     ],
@@ -516,7 +533,19 @@ def test_values_are_worth_it_at_most_joints_or_the_cause_is_dropped(
     monkeypatch.setattr(Judge, "visibility", lambda judge, claim: seen)
     law = option("stiction", 0.0).hypothesis
     claims = [Claim(law, np.zeros(1), w, {}, gain) for w, gain in gains.items()]
-    assert agreed._weak(judge, claims) is weak
+    assert agreed._weak(judge, claims, set()) is weak
+
+
+def test_joints_that_are_odd_have_no_say_in_what_a_cause_is_worth(monkeypatch):
+    judge = object.__new__(Judge)
+    judge.joints = [None] * 6
+    monkeypatch.setattr(Judge, "visibility", lambda judge, claim: 3.0)
+    law = option("stiction", 0.0).hypothesis
+    claims = [
+        Claim(law, np.zeros(1), (k,), {}, 11.0 if k < 4 else 0.0) for k in range(6)
+    ]
+    assert not agreed._weak(judge, claims, {5})
+    assert agreed._weak(judge, claims, {0})
 
 
 def test_every_cause_that_joints_share_has_a_size_to_compare(tmp_path):

@@ -30,7 +30,8 @@ from gatjax.diagnosis.option import SHARE, Option
 from gatjax.diagnosis.sharing import Group, divisions
 from gatjax.effects.catalogue import cause
 
-ALIKE, MOSTLY = 0.25, 0.75  # of their median, of the joints: values that are near it
+ALIKE = 0.25  # of their median: values that are near it
+MOSTLY = 0.75  # of the joints: that agree, or that a cause has to be worth it at
 CHANCE = 6  # joints whose values are not alike by chance
 FREE, HELD = 12, 3  # iterations of a joint with values of its own, and with given ones
 
@@ -55,12 +56,12 @@ def valued(judge: Judge, found: list[list[Option]]) -> tuple[list[Valued], list[
         The causes, and the fits of all joints; none where no cause is left.
     """
     while found:
-        claims, known = _agreed(judge, [options[0] for options in found])
-        weak = next((n for n, mine in enumerate(claims) if _weak(judge, mine)), None)
-        if weak is None:
+        claims, known, odd = _agreed(judge, [options[0] for options in found])
+        weak = [n for n, mine in enumerate(claims) if _weak(judge, mine, odd)]
+        if not weak:
             pairs = zip(found, claims, strict=True)
             return [Valued(*pair) for pair in pairs], known
-        found = found[:weak] + found[weak + 1 :]
+        found = found[: weak[0]] + found[weak[0] + 1 :]
     return [], []
 
 
@@ -68,12 +69,19 @@ def common(judge: Judge, claims: list[Claim]) -> bool:
     """Whether joints agree on a cause: some have one value, or many have values alike.
 
     A delay is the same at all joints, but where something else is left each joint's own
-    suits it best by a hair.
+    suits it best by a hair. A limit may be the same share of what each motor has: all
+    are alike if they were of one joint.
     """
     count = len(judge.joints)
     if len(claims) < count or count < CHANCE:
         return len(claims) < count
-    sizes = np.array([_size(judge, claim) for claim in claims])
+    sizes = [_size(judge, claim, claim.where[0]) for claim in claims]
+    shares = [_size(judge, claim, 0) for claim in claims]
+    return _alike(np.array(sizes)) or _alike(np.array(shares))
+
+
+def _alike(sizes: np.ndarray) -> bool:
+    """Whether most of some sizes [N] are near their median."""
     middle = np.median(sizes)
     near = np.abs(sizes - middle) < ALIKE * np.abs(middle)
     return bool(near.mean() >= MOSTLY)
@@ -105,29 +113,30 @@ def carried(judge: Judge, looked: Judge, claims: list[Claim], known: list[Fit]) 
     return any(body.gain > worth(set(body.fits)) for body in judge.borne(ends))
 
 
-def _size(judge: Judge, claim: Claim) -> float:
-    """Size of a cause at the first of its joints, in the catalogue's unit."""
+def _size(judge: Judge, claim: Claim, index: int) -> float:
+    """Size of a cause in the catalogue's unit, if it were at a joint."""
     hypothesis, entry = claim.hypothesis, cause(claim.hypothesis.cause)
-    values = hypothesis.values(judge.joints[claim.where[0]], claim.own)
+    values = hypothesis.values(judge.joints[index], claim.own)
     return entry.size(values[entry.main.name])
 
 
-def _weak(judge: Judge, claims: list[Claim]) -> bool:
+def _weak(judge: Judge, claims: list[Claim], odd: set[int]) -> bool:
     """Whether a cause is no finding: worth too little with its values, or invisible.
 
     A value that many joints share is worth it once for all of them; values of their own
-    have to be so at most joints.
+    have to be so at `MOSTLY` of the joints that are not `odd`. Nearly all bear a true
+    cause out; what makes up for a wrong one is worth it at some.
     """
-    borne = sum(len(claim.where) for claim in claims if claim.gain > LATER)
-    if borne <= SHARE * len(judge.joints):
+    worth = {k for claim in claims if claim.gain > LATER for k in claim.where}
+    if len(worth - odd) < MOSTLY * (len(judge.joints) - len(odd)):
         return True
     return all(judge.visibility(claim) <= VISIBLE for claim in claims)
 
 
 def _agreed(
     judge: Judge, options: Sequence[Option]
-) -> tuple[list[list[Claim]], list[Fit]]:
-    """The claims of each cause, and the fits of all joints."""
+) -> tuple[list[list[Claim]], list[Fit], set[int]]:
+    """The claims of each cause, the fits of all joints, and the odd ones of these."""
     hypotheses = [option.hypothesis for option in options]
     guesses = [option.own for option in options]
 
@@ -150,7 +159,7 @@ def _agreed(
         _, mine, known = max(tried, key=lambda each: each[0])
         claims.append(mine)
     weighed = [_weighed(judge, known, n, mine, odd) for n, mine in enumerate(claims)]
-    return weighed, known
+    return weighed, known, odd
 
 
 def _had(options: Sequence[Option]) -> list[Parts]:
