@@ -536,6 +536,26 @@ def test_values_are_worth_it_at_most_joints_or_the_cause_is_dropped(
     assert agreed._weak(judge, claims, set()) is weak
 
 
+def test_what_is_worth_least_is_left_out_first(monkeypatch):
+    def weighed(judge, options):
+        """What imitates the delay takes most of its worth."""
+        names = [each.hypothesis.cause for each in options]
+        worth = {"lag": 5.0, "delay": 8.0 if "lag" in names else 900.0}
+        claims = [
+            [Claim(each.hypothesis, np.zeros(1), (0,), {}, worth[name])]
+            for each, name in zip(options, names, strict=True)
+        ]
+        return claims, fits, set()
+
+    fits, weak = [fit("")], lambda judge, claims, odd: claims[0].gain < 10.0
+    monkeypatch.setattr(agreed, "_agreed", weighed)
+    monkeypatch.setattr(agreed, "_weak", weak)
+    found = [[option("delay", 9.0)], [option("lag", 9.0)]]
+    left, known = agreed.valued(object.__new__(Judge), found)
+    assert [each.options[0].hypothesis.cause for each in left] == ["delay"]
+    assert known is fits
+
+
 def test_joints_that_are_odd_have_no_say_in_what_a_cause_is_worth(monkeypatch):
     judge = object.__new__(Judge)
     judge.joints = [None] * 6

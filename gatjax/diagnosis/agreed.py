@@ -46,7 +46,8 @@ class Valued(NamedTuple):
 def valued(judge: Judge, found: list[list[Option]]) -> tuple[list[Valued], list[Fit]]:
     """Causes that a whole robot has, with the values that joints agree on.
 
-    Left out is what is worth nothing any more with such values, or too small to see.
+    Left out is what is worth nothing any more with such values, or too small to see,
+    one after the other, what is worth least first: others may then be worth more.
 
     Args:
         judge: what is known without them.
@@ -61,7 +62,8 @@ def valued(judge: Judge, found: list[list[Option]]) -> tuple[list[Valued], list[
         if not weak:
             pairs = zip(found, claims, strict=True)
             return [Valued(*pair) for pair in pairs], known
-        found = found[: weak[0]] + found[weak[0] + 1 :]
+        worst = min(weak, key=lambda n: sum(claim.gain for claim in claims[n]))
+        found = found[:worst] + found[worst + 1 :]
     return [], []
 
 
