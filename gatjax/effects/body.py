@@ -23,8 +23,8 @@ def _bodies(model: Any) -> np.ndarray:
     return model.jnt_bodyid[model.actuator_trnid[:, 0]]
 
 
-def _now(model: Any, fields: Fields, name: str) -> np.ndarray:
-    """Return a copy of a field as it is now."""
+def now(model: Any, fields: Fields, name: str) -> np.ndarray:
+    """Return a copy of a field, or option `opt.<name>`, as the fields leave it."""
     owner = model.opt if name.startswith("opt.") else model
     return np.array(fields.get(name, getattr(owner, name.removeprefix("opt."))))
 
@@ -35,7 +35,7 @@ def torque_limit(model: Any, fields: Fields, params: dict[str, Array]) -> Fields
     `raised` is what a servo has beyond its nominal limit, which else stays the bound.
     Of a model as `robot.model.load` makes it: every servo has a limit, maybe inf.
     """
-    nominal = _now(model, fields, "actuator_forcerange")
+    nominal = now(model, fields, "actuator_forcerange")
     bound = np.asarray(params["limit"])[:, None]
     more = np.where(np.isfinite(bound), np.asarray(params["raised"])[:, None], 0.0)
     nominal += more * np.array([-1.0, 1.0])
@@ -44,7 +44,7 @@ def torque_limit(model: Any, fields: Fields, params: dict[str, Array]) -> Fields
 
 def _plus(name: str, model: Any, fields: Fields, amount: Array) -> Fields:
     """Add `amount` [J] to a field of the joints' degrees of freedom."""
-    field = _now(model, fields, name)
+    field = now(model, fields, name)
     field[_dofs(model)] += amount
     return fields | {name: field}
 
@@ -80,8 +80,8 @@ def holding(model: Any, fields: Fields, where: Array) -> Fields:
     would accelerate it with. Here d is 0.9999 and 1 / b the least it takes.
     """
     dofs = _dofs(model)[np.asarray(where, bool)]
-    solimp = _now(model, fields, "dof_solimp")
-    solref = _now(model, fields, "dof_solref")
+    solimp = now(model, fields, "dof_solimp")
+    solref = now(model, fields, "dof_solref")
     solimp[dofs, :2] = 0.9999
     solref[dofs] = 2.0 * model.opt.timestep, 1.0
     return fields | {"dof_solimp": solimp, "dof_solref": solref}
@@ -89,8 +89,8 @@ def holding(model: Any, fields: Fields, where: Array) -> Fields:
 
 def gain_error(model: Any, fields: Fields, scale: Array) -> Fields:
     """Multiply the position gain kp of the servos by `scale` [J]; 1 is neutral."""
-    gain = _now(model, fields, "actuator_gainprm")
-    bias = _now(model, fields, "actuator_biasprm")
+    gain = now(model, fields, "actuator_gainprm")
+    bias = now(model, fields, "actuator_biasprm")
     gain[:, 0] *= scale
     bias[:, 1] *= scale
     return fields | {"actuator_gainprm": gain, "actuator_biasprm": bias}
@@ -98,7 +98,7 @@ def gain_error(model: Any, fields: Fields, scale: Array) -> Fields:
 
 def damping_error(model: Any, fields: Fields, scale: Array) -> Fields:
     """Multiply the velocity gain kv of the servos by `scale` [J]; 1 is neutral."""
-    bias = _now(model, fields, "actuator_biasprm")
+    bias = now(model, fields, "actuator_biasprm")
     bias[:, 2] *= scale
     return fields | {"actuator_biasprm": bias}
 
@@ -109,7 +109,7 @@ def gravity_tilt(model: Any, fields: Fields, params: dict[str, Array]) -> Fields
     The world's axes stay those of the mounting, so gravity turns the other way.
     """
     roll, pitch = -float(params["roll"]), -float(params["pitch"])
-    x, y, z = _now(model, fields, "opt.gravity")
+    x, y, z = now(model, fields, "opt.gravity")
     x, z = np.cos(pitch) * x + np.sin(pitch) * z, np.cos(pitch) * z - np.sin(pitch) * x
     y, z = np.cos(roll) * y - np.sin(roll) * z, np.sin(roll) * y + np.cos(roll) * z
     return fields | {"opt.gravity": np.array([x, y, z])}
@@ -117,7 +117,7 @@ def gravity_tilt(model: Any, fields: Fields, params: dict[str, Array]) -> Fields
 
 def com_shift(model: Any, fields: Fields, params: dict[str, Array]) -> Fields:
     """Move the centre of mass of links by {x, y, z} [J] m in the link's frame."""
-    centre = _now(model, fields, "body_ipos")
+    centre = now(model, fields, "body_ipos")
     shift = np.stack([params[axis] for axis in "xyz"], axis=-1)
     np.add.at(centre, _bodies(model), shift)
     return fields | {"body_ipos": centre}
@@ -129,7 +129,7 @@ def payload(model: Any, fields: Fields, params: dict[str, Array]) -> Fields:
     NaN as place means the link's centre of mass. Mass 0 is neutral.
     """
     names = ("body_mass", "body_ipos", "body_inertia", "body_iquat")
-    mass, centre, inertia, attitude = (_now(model, fields, name) for name in names)
+    mass, centre, inertia, attitude = (now(model, fields, name) for name in names)
     for joint, link in enumerate(_bodies(model)):
         extra = params["mass"][joint]
         if extra == 0.0:

@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from gatjax.effects.body import now
+
 Array = Any
 Fields = dict[str, Array]
 
@@ -20,7 +22,7 @@ def friction(model: Any, fields: Fields, mu: Array) -> Fields:
 
     MuJoCo takes the larger of two geoms, or that of the geom with priority.
     """
-    field = np.array(fields.get("geom_friction", model.geom_friction))
+    field = now(model, fields, "geom_friction")
     if not np.isnan(mu):
         field[_touching(model), 0] = mu
     return fields | {"geom_friction": field}
@@ -28,7 +30,7 @@ def friction(model: Any, fields: Fields, mu: Array) -> Fields:
 
 def compliance(model: Any, fields: Fields, time_constant: Array) -> Fields:
     """Set the time constant of contacts, s; NaN is neutral. MuJoCo's `solref`."""
-    field = np.array(fields.get("geom_solref", model.geom_solref))
+    field = now(model, fields, "geom_solref")
     if not np.isnan(time_constant):
         geoms = _touching(model)
         field[geoms, 1] = np.where(field[geoms, 0] > 0.0, field[geoms, 1], 1.0)
@@ -43,8 +45,8 @@ def wear(model: Any, fields: Fields, params: dict[str, Array]) -> Fields:
     middle, in the body's frame, move up by `wear`. A body with one flat box as sole is
     tilted instead, so that its edge on that side goes up by `wear`. 0 is neutral.
     """
-    place = np.array(fields.get("geom_pos", model.geom_pos))
-    attitude = np.array(fields.get("geom_quat", model.geom_quat))
+    place = now(model, fields, "geom_pos")
+    attitude = now(model, fields, "geom_quat")
     touching = _touching(model)
     for foot in np.flatnonzero(params["wear"]):
         geoms = touching[model.geom_bodyid[touching] == foot]

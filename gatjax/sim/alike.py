@@ -14,6 +14,7 @@ import jax
 import mujoco
 import numpy as np
 
+from gatjax.effects.body import now
 from gatjax.effects.catalogue import cause
 from gatjax.robot.model import joint_names
 from gatjax.sim import derived
@@ -25,7 +26,7 @@ Layer = list[Row]  # rows of one cause, at different joints: they share their ef
 
 FIELDS = {"body", GEAR}  # slots of what is no effect of its own
 WEIGHED = (*derived.INERTIAL, *derived.CONSTANTS)  # fields of what bodies weigh
-UNUSED = ("cam_", "light_", "actuator_acc0", "dof_length")  # by physics: no walk does
+UNUSED = ("cam_", "light_", "actuator_acc0", "dof_length")  # no walk needs them
 
 
 def alike(worlds: Sequence[World]) -> list[World] | None:
@@ -91,10 +92,10 @@ def _layers(world: World, names: list[str]) -> list[Layer]:
     for row in filter(_acts, world.causes):
         if _joint(row) and row["where"] == ["all"]:
             row = row | {"where": names}
-        last = layers[-1] if layers else [row]
+        last = layers[-1] if layers else []
         taken = {joint for each in last for joint in each["where"]}
         apart = taken.isdisjoint(row["where"]) and _joint(row)
-        if apart and _key(last) == _key([row]):
+        if last and apart and _key(last) == _key([row]):
             last.append(row)
         else:
             layers.append([row])
@@ -171,7 +172,9 @@ def _stackable(worlds: list[World]) -> list[World] | None:
     model = max((world.model for world in worlds), key=lambda m: m.opt.iterations)
     found = []
     for world in worlds:
-        body = {name: _field(world, name) for name in sorted(names)}
+        body = {
+            name: now(world.model, world.values.body, name) for name in sorted(names)
+        }
         values = world.values._replace(body=body)
         found.append(dataclasses.replace(world, model=model, values=values))
     shapes = {str(jax.tree.map(np.shape, world.values)) for world in found}
@@ -186,10 +189,3 @@ def _different(one: mujoco.MjModel, other: mujoco.MjModel) -> list[str]:
         if isinstance(getattr(one, name), np.ndarray) and not name.startswith(UNUSED)
     ]
     return [n for n in arrays if not np.array_equal(getattr(one, n), getattr(other, n))]
-
-
-def _field(world: World, name: str) -> np.ndarray:
-    """A field of the model, as the world has it."""
-    own, option = world.model, name.removeprefix("opt.")
-    stands = getattr(own.opt if option != name else own, option)
-    return np.array(world.values.body.get(name, stands))

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from gatjax.effects.body import now
 from gatjax.effects.gear import Gear, present
 from gatjax.records import Servo
 
@@ -84,24 +86,21 @@ def check(model: mujoco.MjModel, fields: Fields, name: str) -> None:
 
 def servo(model: mujoco.MjModel, fields: Fields) -> Servo:
     """Read the drives [J] off a model with fields."""
-
-    def now(name: str) -> np.ndarray:
-        return np.array(fields.get(name, getattr(model, name)))
-
+    field = partial(now, model, fields)
     dofs = model.jnt_dofadr[model.actuator_trnid[:, 0]]
-    bias, span = now("actuator_biasprm"), now("actuator_forcerange")
-    gain = now("actuator_gainprm")[:, 0]
+    bias, span = field("actuator_biasprm"), field("actuator_forcerange")
+    gain = field("actuator_gainprm")[:, 0]
     free = model.actuator_forcelimited == 0
-    rotor = now("dof_armature")[dofs]
-    whole = 1.0 / now("dof_invweight0")[dofs]
+    rotor = field("dof_armature")[dofs]
+    whole = 1.0 / field("dof_invweight0")[dofs]
     return Servo(
         gain=gain,
         hold=-bias[:, 1] / np.where(gain > 0.0, gain, 1.0),
         damping=-bias[:, 2],
         low=np.where(free, -np.inf, span[:, 0]),
         high=np.where(free, np.inf, span[:, 1]),
-        friction=now("dof_frictionloss")[dofs],
-        viscous=now("dof_damping")[dofs],
+        friction=field("dof_frictionloss")[dofs],
+        viscous=field("dof_damping")[dofs],
         rotor=rotor,
         link=np.maximum(whole - rotor, 1e-9),
     )
@@ -122,7 +121,7 @@ def geared(
         "dof_frictionloss",
     )  # fmt: skip
     gain, bias, armature, damping, friction = (
-        np.array(fields.get(name, getattr(model, name))) for name in names
+        now(model, fields, name) for name in names
     )
     gain[on], bias[on] = 0.0, 0.0
     behind = np.where(on, gear.armature_share, 0.0)
