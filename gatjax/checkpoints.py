@@ -68,18 +68,22 @@ def save(folder: str | os.PathLike[str], step: int, tree: Any) -> None:
 
 @contextlib.contextmanager
 def _uninterrupted() -> Iterator[None]:
-    """Hold Ctrl-C back for the moment a save takes; orbax's threads do not take it."""
+    """Hold stops back for the moment a save takes; orbax's threads do not take them."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    pressed: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, frame: pressed.append(number))
+    told: list[int] = []
+    stops = signal.SIGINT, signal.SIGTERM
+    before = [
+        signal.signal(stop, lambda number, _: told.append(number)) for stop in stops
+    ]
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
-    if pressed:
-        raise KeyboardInterrupt
+        for stop, handler in zip(stops, before, strict=True):
+            signal.signal(stop, handler)
+    for number in told[:1]:
+        signal.raise_signal(number)
 
 
 def latest(folder: str | os.PathLike[str]) -> int | None:

@@ -73,10 +73,12 @@ class Workers:
             begin = _begin, (free, bool(self._shares))
             self._pool = ProcessPoolExecutor(self._count, context, *begin)
         others = set(multiprocessing.active_children())
-        with _environment(ALONE), _no_main():
-            begun = {self._pool.submit(function, *job): k for k, job in enumerate(jobs)}
-        self._ours |= set(multiprocessing.active_children()) - others
-        return begun
+        try:
+            with _environment(ALONE), _no_main():
+                submit = self._pool.submit
+                return {submit(function, *job): k for k, job in enumerate(jobs)}
+        finally:  # a stop may come while they begin
+            self._ours |= set(multiprocessing.active_children()) - others
 
     def close(self) -> None:
         """End the processes; what they are at is dropped."""
@@ -84,6 +86,10 @@ class Workers:
             return
         for process in self._ours:
             process.terminate()
+        # One that ends while it tells something leaves its listener waiting for the rest:
+        # no end is seen while this process could write, too, which it never does.
+        results: Any = self._pool._result_queue
+        results._writer.close()
         self._pool.shutdown(cancel_futures=True)  # joins them: who else did would race
         self._pool, self._ours = None, set()
 

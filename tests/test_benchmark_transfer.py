@@ -8,7 +8,8 @@ import pytest
 
 from gatjax import runs
 from gatjax.benchmark import transfer
-from gatjax.benchmark.transfer import Found, line, paired, trial_of
+from gatjax.benchmark.document import document
+from gatjax.benchmark.transfer import Found, corrected, line, paired, trial_of
 
 TABLE1 = Path(__file__).parents[1] / "experiments" / "table1"
 
@@ -139,7 +140,7 @@ def test_the_document_has_a_line_a_method_beside_the_paper(tmp_path):
             "robot": "dart", "trial": trial,
             "methods": {name: each._asdict() for name, each in methods.items()},
         })  # fmt: skip
-    text = transfer.document(transfer.read_trials(tmp_path))
+    text = document(transfer.read_trials(tmp_path))
     assert "## Simulator to dart" in text
     gat, none = (
         next(row for row in text.splitlines() if row.startswith(f"| {name} "))
@@ -148,3 +149,43 @@ def test_the_document_has_a_line_a_method_beside_the_paper(tmp_path):
     assert "15.0 (10.0 to 20.0)" in gat and "22.5, 1, 2.7" in gat
     assert "| 2        |" in none
     assert "none - gat" in text and "falls, points" in text
+
+
+def test_a_diagnosis_that_a_run_refused_is_a_failure_of_explained(run):
+    assert "explained" not in trial_of(run)
+    (run / "diagnosis").mkdir()
+    (run / "diagnosis" / "skipped.txt").write_text("the robot fell\n")
+    refused = trial_of(run)["explained"]
+    assert refused.failed and refused.useful == refused.kept == 0.0
+    assert "explained" not in trial_of(run, methods=["gat"])
+    good, gat = found(30.0, 3, 30.0, 0)._replace(falls=0), found(10.0, 1, 10.0, 0)
+    test = paired([good, refused], [gat, gat])
+    assert test.difference.mean == pytest.approx(5.0) and test.more == 1
+    assert test.fallen.mean == pytest.approx(-30.0)  # of the trial that walked
+    assert line("explained", [good, refused]).failures == 1
+    assert np.isnan(line("explained", [refused]).falls.mean)
+
+
+def test_p_values_of_a_family_are_corrected_for_their_number():
+    """Holm's example: 0.01, 0.04, 0.03 and 0.005 become 0.03, 0.06, 0.06 and 0.02."""
+    assert corrected([0.01, 0.04, 0.03, 0.005]) == pytest.approx(
+        [0.03, 0.06, 0.06, 0.02]
+    )
+    assert corrected([0.7, 0.9]) == [1.0, 1.0]
+    assert corrected([]) == []
+
+
+def test_the_document_corrects_over_all_tests_of_gains_and_falls_of_a_robot(tmp_path):
+    """Two methods against a third, three tests each: 2 of 2^6 becomes 6 times that."""
+    for trial in range(6):
+        methods = {
+            "gat": found(10.0, 1, 10.0, 0), "better": found(20.0, 1, 20.0, 0),
+            "same": found(10.0, 1, 10.0, 0),
+        }  # fmt: skip
+        runs.write_json(tmp_path / f"dart_{trial}.json", {
+            "robot": "dart", "trial": trial,
+            "methods": {name: each._asdict() for name, each in methods.items()},
+        })  # fmt: skip
+    text = document(transfer.read_trials(tmp_path))
+    row = next(row for row in text.splitlines() if row.startswith("| better - gat"))
+    assert row.count("0.031 (0.188)") == 2 and "1.000 (1.000)" in row

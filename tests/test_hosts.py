@@ -1,6 +1,7 @@
 """A search on several hosts: the same numbers, whoever comes, goes or dies."""
 
 import contextlib
+import json
 import os
 import re
 import signal
@@ -8,15 +9,15 @@ import socket
 import subprocess
 import sys
 import threading
-from importlib.metadata import version
 from multiprocessing.connection import Client, Listener
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from gatjax.cli import main
-from gatjax.cli.arguments import Work
-from gatjax.cli.sharing import SAME, prepared
+from gatjax.cli.arguments import Search, Work
+from gatjax.cli.sharing import _told, prepared
 from gatjax.hosts import Crew, Task, address_of, serve, wire
 
 TASK = Task({"any": 1}, {"world.json": b"{}"})
@@ -266,6 +267,16 @@ def test_hosts_have_the_same_versions():
         prepared(task, Work(leader="a:1"))
 
 
+def test_hosts_simulate_the_same():
+    """A host whose physics differ would evaluate its share in another simulator."""
+    search = Search(out=Path("out"))
+    told = json.loads(json.dumps(_told(search).facts))
+    assert callable(prepared(Task(told, {}), Work(leader="a:1")))
+    told["simulator"]["solver_iterations"] += 1
+    with pytest.raises(ValueError, match="install the same gatjax on both"):
+        prepared(Task(told, {}), Work(leader="a:1"))
+
+
 def test_a_host_whose_memory_is_full_takes_turns(monkeypatch, capsys):
     def prepare(world, backend, impl, turns):
         def evaluate(values, policies, keys):
@@ -277,8 +288,8 @@ def test_a_host_whose_memory_is_full_takes_turns(monkeypatch, capsys):
 
     monkeypatch.setattr("gatjax.cli.sharing.prepare", prepare)
     monkeypatch.setattr("gatjax.cli.sharing.costs", lambda backend: backend)
-    facts = {"versions": {name: version(name) for name in SAME}}
-    task = Task(facts | {"model": "light", "rate_hz": 50.0}, {})
+    facts = _told(Search(out=Path("out"))).facts
+    task = Task(facts, {})
     run = prepared(task, Work(leader="a:1"))
     assert run(POLICIES, KEYS).shape == run(POLICIES, KEYS).shape == (7, 3)
     said = capsys.readouterr().err

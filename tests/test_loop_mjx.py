@@ -11,16 +11,17 @@ import pytest
 
 from gatjax import loop
 from gatjax.effects.effect import memoryless
-from gatjax.loop.optimise import optimise_all
+from gatjax.loop.optimise import optimise_all, stepping
 from gatjax.runs import read_table
 from gatjax.settings import LoopSettings, SearchSettings
+from gatjax.sim import lighter
 from gatjax.sim.world import add_causes, add_command, nominal
 from gatjax.task import Task
 from gatjax.walk.parameters import STEP, THETA0
 
 SETTINGS = SearchSettings(population=4, rollouts=2, generations=2)
 CAUSES = {  # by seed
-    1: [("payload", ["LHipPitch"], {"mass": 0.1})],
+    1: [("payload", ["LHipPitch"], {"mass": 0.1}), ("dead_band", ["RKneePitch"], 0.01)],
     2: [("torque_limit", ["all"], {"limit": 2.5}), ("dead_band", ["LKneePitch"], 0.01)],
 }
 
@@ -61,16 +62,56 @@ def test_trials_are_one_call_and_each_finds_what_it_finds_alone_on_native(tmp_pa
     again = optimise_all([job(1, "a"), job(2, "b")], settings, progress)
     assert len(traces) == count  # nothing is left to be done
     native = dataclasses.replace(settings, backend="native")
-    alone = loop.optimise(job(2, "c"), native, progress)
+    alone = [loop.optimise(job(1, "c"), native, progress)]
     assert measured == len(traces) - traced[-1]  # both trials in one program
-    for one, same, other in zip(both[1], again[1], alone, strict=True):
-        assert one.key == same.key == other.key
-        np.testing.assert_allclose(same.policy, one.policy, atol=1e-12)
-        np.testing.assert_allclose(other.policy, one.policy, atol=1e-6)
-    a, b, c = (costs(tmp_path / name) for name in "abc")
-    np.testing.assert_allclose(b, c, rtol=1e-5)
+    alone.append(loop.optimise(job(2, "d"), native, progress))
+    for found in zip(both, again, alone, strict=True):
+        for one, same, other in zip(*found, strict=True):
+            assert one.key == same.key == other.key
+            np.testing.assert_allclose(same.policy, one.policy, atol=1e-12)
+            np.testing.assert_allclose(other.policy, one.policy, atol=1e-6)
+    a, b, c, d = (costs(tmp_path / name) for name in "abcd")
+    np.testing.assert_allclose(a, c, rtol=1e-5)
+    np.testing.assert_allclose(b, d, rtol=1e-5)
     assert not np.allclose(a, b, rtol=1e-4)
     assert not np.allclose(both[0][1].policy, both[1][1].policy)
+
+
+def test_trials_with_other_physics_steps_are_searched_apart(tmp_path):
+    """A dead band acts once per physics step, a payload does not: 4 ms and 5 ms."""
+
+    def job(place, *causes):
+        world = add_causes(nominal(), causes)
+        key = jax.random.key(place)
+        folder = tmp_path / str(place)
+        return loop.Job(folder, "gat", 0, world, THETA0, key, key)
+
+    gap, payload = CAUSES[2][1], CAUSES[1][0]
+    jobs = [job(0, gap), job(1, payload), job(2, gap, payload), job(3)]
+    light = LoopSettings(search=SETTINGS, backend="mjx", impl="jax")
+    assert stepping(jobs, light) == [[0, 2], [1, 3]]
+    assert stepping(jobs, dataclasses.replace(light, model="full")) == [[0, 1, 2, 3]]
+
+
+def test_a_search_that_another_simulator_began_does_not_go_on(tmp_path, monkeypatch):
+    key, quiet = jax.random.key(0), loop.Progress(print, print)
+    job = loop.Job(tmp_path, "none", 0, nominal(), THETA0, key, key)
+    (tmp_path / "policies").mkdir()
+    task = Task(settle=0.1, longest_delay=0.04, duration=0.1)
+    job = job._replace(world=nominal(task))
+    one = dataclasses.replace(SETTINGS, generations=1)
+    settings = LoopSettings(search=one, backend="native", candidates=("best",))
+    loop.optimise(job, settings, quiet)
+    loop.optimise(job, settings, quiet)  # the same one goes on
+    monkeypatch.setattr(lighter, "ITERATIONS", 4)
+    said = "started with solver_iterations = 3, now it is 4"
+    with pytest.raises(ValueError, match=said):
+        loop.optimise(job, settings, quiet)
+    with pytest.raises(ValueError, match=said):
+        stepping([job], settings)
+    (job.checkpoints / "simulator.json").unlink()  # as before such files were written
+    with pytest.raises(ValueError, match="started with timestep_s = None"):
+        loop.optimise(job, settings, quiet)
 
 
 def costs(folder):

@@ -100,6 +100,10 @@ def test_a_run_leaves_what_the_contract_says(done):
     assert build_report(done).stat().st_size > 50_000
 
 
+class Begun(list):
+    """Seeds of walks that were begun."""
+
+
 class Wandering(Late):
     """A robot that walks in processes of its own."""
 
@@ -112,7 +116,7 @@ class Wandering(Late):
         return super().walk(policies, seeds, task)
 
     def begin_walks(self, policies, seeds, task):
-        self.told.append(f"begin {len(seeds)}")
+        self.told.append(Begun(seeds))
 
         def wait():
             self.told.append("wait")
@@ -133,7 +137,10 @@ def test_trials_side_by_side_walk_together_and_each_finds_what_it_finds_alone(
     told = []
     loop.run_all(folders, both, Wandering(told), quiet())
     # theta0 confirmed and shown, two logs, two times candidates, winners, best shown
+    told = [seeds for seeds in told if seeds != "wait"]
     assert [len(seeds) for seeds in told] == [20, 2, 5, 5, 8, 8, 20, 2]
+    whole = [not isinstance(seeds, Begun) for seeds in told]  # with trajectories
+    assert whole == [False, True, True, True, False, False, False, True]
     for seeds in (told[0], told[1], told[6], told[7]):  # of both trials, all different
         assert len(set(seeds)) == len(seeds)
     alone = [
@@ -146,6 +153,11 @@ def test_trials_side_by_side_walk_together_and_each_finds_what_it_finds_alone(
     for folder in folders:
         assert len(runs.read_table(folder / "evaluations.csv")) == 10 + 8 + 10
         assert (folder / "walks" / "none_best_robot.npz").is_file()
+
+
+def shown(seeds):
+    """Whether walks were begun, and how many."""
+    return f"begin {len(seeds)}" if isinstance(seeds, Begun) else len(seeds)
 
 
 def searching(told, monkeypatch):
@@ -181,11 +193,15 @@ def test_a_robot_elsewhere_walks_while_the_next_search_goes_on(
         )
         folders.append(runs.open_run(tmp_path, settings, name).path)
         loop.run(folders[-1], settings, walker, quiet())
-        said.append([x if isinstance(x, str | tuple) else len(x) for x in told])
+        said.append([x if isinstance(x, str | tuple) else shown(x) for x in told])
         told.clear()
     none, gat = ((name, 0, THETA0[0]) for name in ("none", "gat"))
-    assert said[0] == [10, 1, none, "begin 4", gat, "begin 4", "wait", "wait", 20, 2]
-    assert said[1] == [10, 1, none, 4, gat, 4, 20, 2]
+    theta0 = ["begin 10", "wait", 1]
+    winners = ["begin 20", "wait", 2]
+    four = ["begin 4", "wait"]
+    beside = [none, "begin 4", gat, "begin 4", "wait", "wait"]
+    assert said[0] == [*theta0, *beside, *winners]
+    assert said[1] == [*theta0, none, *four, gat, *four, *winners]
     for name in ("metrics.csv", "evaluations.csv"):
         one, other, third = (rows_of(folder / name) for folder in folders)
         assert one == other == third
@@ -220,7 +236,7 @@ def test_a_stop_drops_walks_that_were_begun_and_they_are_made_again(
 
         patch.setattr(stages, "search", stopped)
         loop.run(folder, settings, Wandering(told), quiet())
-    assert told[-2:] == ["begin 4", "drop"]
+    assert told[-1] == "drop" and shown(told[-2]) == "begin 4"
     whole = runs.open_run(tmp_path, settings, "whole").path
     for each in (folder, whole):
         loop.run(each, settings, Wandering(told), quiet())

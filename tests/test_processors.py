@@ -16,8 +16,7 @@ from gatjax.sim.compiled import host, on_cpu
     not hasattr(os, "sched_setaffinity"), reason="this system binds no process"
 )
 def test_only_processors_that_the_process_was_given_are_used():
-    assert processors.usable() == sorted(os.sched_getaffinity(0))
-    given = processors.usable()[-1]
+    given = max(os.sched_getaffinity(0))
     ask = (
         "import os, threading, time\n"
         "from gatjax.diagnosis.case import mapped\n"
@@ -47,6 +46,37 @@ def test_a_job_has_no_more_memory_than_its_cluster_gives_it(tmp_path, line, file
     assert processors.memory(told, root) == 3e8
     (own / file.split("/")[-1]).write_text("200000000\n")
     assert processors.memory(told, root) == 2e8
+
+
+@pytest.mark.parametrize(
+    ("line", "files"),
+    [
+        ("0::{}", {"cpu.max": "{} 100000"}),
+        (
+            "4:cpu,cpuacct:{}",
+            {"cpu/cpu.cfs_quota_us": "{}", "cpu/cpu.cfs_period_us": "100000"},
+        ),
+    ],
+)
+def test_a_containers_limit_of_processor_time_counts(
+    tmp_path, monkeypatch, line, files
+):
+    """1.5 processors' time keep two busy, and none of them is one's own."""
+    monkeypatch.setattr(processors, "TOLD", tmp_path / "cgroup")
+    monkeypatch.setattr(processors, "GROUPS", tmp_path / "groups")
+    monkeypatch.setattr(processors, "_given", lambda: [*range(16)])
+    assert processors.usable() == 16 and len(processors.shares(4)) == 4
+    (tmp_path / "cgroup").write_text(line.format("/pod/box") + "\n")
+    for folder, limit in (("pod", "150000"), ("pod/box", "400000")):
+        for name, text in files.items():
+            file = (tmp_path / "groups" / name).parent / folder / name.split("/")[-1]
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(text.format(limit) + "\n")
+    assert processors.usable() == 2 and processors.shares(2) == []
+    for name, text in files.items():
+        file = (tmp_path / "groups" / name).parent / "pod" / name.split("/")[-1]
+        file.write_text(text.format("max" if len(files) == 1 else "-1") + "\n")
+    assert processors.usable() == 4
 
 
 def test_all_threads_compute_on_the_cpu_and_only_inside():

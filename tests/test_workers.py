@@ -3,9 +3,12 @@
 import math
 import multiprocessing
 import os
+import struct
 import subprocess
 import sys
+import threading
 import time
+from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
@@ -44,10 +47,11 @@ def test_they_leave_a_gpu_and_threads_of_linear_algebra_alone(workers, monkeypat
 )
 def test_each_keeps_to_its_share_of_the_processors():
     shares = processors.shares(2)
-    assert set.union(*shares) == set(processors.usable())
+    assert set.union(*shares) == os.sched_getaffinity(0)
     workers = Workers(1, [{min(shares[0])}])
     try:
-        assert dict(workers.results(processors.usable, [()])) == {0: [min(shares[0])]}
+        own = {0: {min(shares[0])}}
+        assert dict(workers.results(os.sched_getaffinity, [(0,)])) == own
     finally:
         workers.close()
 
@@ -76,6 +80,37 @@ def test_who_stops_listening_ends_them_all(workers):
 def test_a_process_that_the_system_kills_is_told(workers):
     with pytest.raises(BrokenProcessPool):
         list(workers.results(os._exit, [(1,)]))
+
+
+def test_one_that_ends_while_it_tells_something_leaves_nobody_waiting():
+    """The first bytes of a result have come, and the rest never will."""
+    workers = Workers(1)
+    workers.results(time.sleep, [(600.0,)])
+    assert workers._pool is not None
+    started = struct.pack("!i", 1000) + b"x" * 10  # as Connection.send_bytes begins
+    os.write(workers._pool._result_queue._writer.fileno(), started)
+    time.sleep(0.5)
+    closing = threading.Thread(target=workers.close, daemon=True)
+    closing.start()
+    closing.join(30.0)
+    assert not closing.is_alive()
+
+
+def test_a_stop_while_they_begin_ends_them(monkeypatch):
+    """They are known before all of their jobs are given."""
+    before = set(multiprocessing.active_children())
+    submit, given = ProcessPoolExecutor.submit, []
+
+    def stopped(self, *job):
+        if given:
+            raise KeyboardInterrupt
+        given.append(submit(self, *job))
+        return given[0]
+
+    monkeypatch.setattr(ProcessPoolExecutor, "submit", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        Workers(2).results(time.sleep, [(600.0,), (600.0,)])
+    assert set(multiprocessing.active_children()) <= before
 
 
 SCRIPT = """

@@ -17,7 +17,8 @@ import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
-from gatjax.benchmark.transfer import Found, document, read_trials, trial_of
+from gatjax.benchmark.document import document
+from gatjax.benchmark.transfer import Found, read_trials, trial_of
 from gatjax.benchmark.trials import run_trials, with_methods
 from gatjax.cli.progress import shown
 from gatjax.loop import resolved

@@ -14,22 +14,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import stats
 
-from gatjax.benchmark.tables import table
+from gatjax.loop.explain import EXPLAINED, SKIPPED
 from gatjax.report.intervals import Interval, share_interval
 from gatjax.report.read import CHOSEN
-from gatjax.report.tables import PAPER
 from gatjax.runs import read_json, read_table
 
 DRAWS = 10_000  # of the bootstrap
-COLUMNS = (
-    "method", "trials", "gain, %", "failures", "best generation",
-    "paper: gain, failures, generation", "gain, failed ones 0, %",
-    "stood 10 fresh walks", "gain on those, %", "falls, %",
-)  # fmt: skip
-TESTS = (
-    "paired", "trials", "gain, %", "p of that", "gain on fresh walks, %",
-    "p of that", "fails less to more often", "p of that", "falls, points", "p of that",
-)  # fmt: skip
 
 
 class Found(NamedTuple):
@@ -49,8 +39,8 @@ class Found(NamedTuple):
 
     @property
     def fallen(self) -> float:
-        """Share of the candidates' walks that fell, %."""
-        return 100.0 * self.falls / self.walks
+        """Share of the candidates' walks that fell, %; NaN if there were none."""
+        return 100.0 * self.falls / self.walks if self.walks else float("nan")
 
     @property
     def useful(self) -> float:
@@ -67,6 +57,8 @@ def trial_of(
     run: Path, iteration: int = 0, methods: Sequence[str] | None = None
 ) -> dict[str, Found]:
     """What the methods of a run found in one iteration.
+
+    A diagnosis that the run refused is a failure of `explained`.
 
     Args:
         run: folder.
@@ -92,6 +84,9 @@ def trial_of(
             raise ValueError(f"{run}: {method} has not walked on the robot yet")
         found[method] = _found(tried, [r for r in mine if r["candidate"] == CHOSEN],
                                base)  # fmt: skip
+    asked = methods is None or EXPLAINED in methods
+    if asked and (run / SKIPPED).exists():
+        found[EXPLAINED] = Found(None, None, None, None, 0, 0)
     return found
 
 
@@ -132,6 +127,7 @@ def line(method: str, found: Sequence[Found], seed: int = 0) -> Line:
     """Sum up one method's trials."""
     good = [each for each in found if not each.failed]
     again = [each.confirmed for each in found if each.confirmed is not None]
+    fell, walks = sum(e.falls for e in found), sum(e.walks for e in found)
     return Line(
         method=method,
         trials=len(found),
@@ -141,7 +137,7 @@ def line(method: str, found: Sequence[Found], seed: int = 0) -> Line:
         generation=mean([float(e.generation or 0) for e in good], seed).mean,
         stood=sum(e.confirmed_falls == 0 and (e.confirmed or 0.0) > 0 for e in found),
         confirmed=mean(again, seed),
-        falls=share_interval(sum(e.falls for e in found), sum(e.walks for e in found)),
+        falls=share_interval(fell, walks) if walks else mean([]),
     )
 
 
@@ -161,7 +157,7 @@ class Paired(NamedTuple):
     """One method against another in the same trials."""
 
     trials: int
-    difference: Interval  # % of theta0's speed: mean of this minus the other
+    difference: Interval  # points of theta0's speed: mean of this minus the other
     p: float  # two-sided; sign flips of the differences, all of them up to 16 trials
     kept: Interval  # the same of gains on fresh walks
     p_kept: float
@@ -184,6 +180,7 @@ def paired(these: Sequence[Found], others: Sequence[Found], seed: int = 0) -> Pa
 
     def apart(field: str) -> tuple[Interval, float]:
         each = np.array([getattr(a, field) - getattr(b, field) for a, b in both])
+        each = each[np.isfinite(each)]  # falls: where both methods' candidates walked
         return mean(each.tolist(), seed), _flipped(each, seed)
 
     fewer = sum(b.failed and not a.failed for a, b in both)
@@ -207,6 +204,16 @@ def _flipped(apart: np.ndarray, seed: int) -> float:
     return float(result.pvalue)
 
 
+def corrected(values: Sequence[float]) -> list[float]:
+    """P values [n] of one family of tests, corrected for their number (Holm 1979)."""
+    found = np.asarray(values, float)
+    order = np.argsort(found)
+    steps = np.maximum.accumulate(found[order] * np.arange(len(found), 0, -1))
+    out = np.empty(len(found))
+    out[order] = np.minimum(steps, 1.0)
+    return out.tolist()
+
+
 def read_trials(folder: Path) -> dict[str, dict[int, dict[str, Found]]]:
     """Results of trials by robot and number: {robot: {trial: {method: Found}}}."""
     trials: dict[str, dict[int, dict[str, Found]]] = {}
@@ -215,50 +222,3 @@ def read_trials(folder: Path) -> dict[str, dict[int, dict[str, Found]]]:
         found = {name: Found(**row) for name, row in text["methods"].items()}
         trials.setdefault(text["robot"], {})[text["trial"]] = found
     return trials
-
-
-def document(
-    trials: dict[str, dict[int, dict[str, Found]]], against: str = "gat"
-) -> str:
-    """The table of every robot as markdown, and every method against one of them."""
-    return "\n".join(_section(robot, each, against) for robot, each in trials.items())
-
-
-def _section(robot: str, trials: dict[int, dict[str, Found]], against: str) -> str:
-    """One robot: the paper's columns, more honest ones, and paired tests."""
-    methods = list(dict.fromkeys(name for each in trials.values() for name in each))
-    lines, tests = [], []
-    for method in methods:
-        mine = [each[method] for each in trials.values() if method in each]
-        one = line(method, mine)
-        theirs = PAPER.get(method)
-        beside = (
-            f"{theirs.gain}, {theirs.failed}, {theirs.generation}" if theirs else ""
-        )
-        lines.append((
-            method, f"{one.trials}", _shown(one.gain), f"{one.failures}",
-            f"{one.generation:.1f}", beside, _shown(one.useful), f"{one.stood}",
-            _shown(one.confirmed), _shown(one.falls, 100.0),
-        ))  # fmt: skip
-        both = [each for each in trials.values() if method in each and against in each]
-        if method != against and both:
-            test = paired([e[method] for e in both], [e[against] for e in both])
-            tests.append((
-                f"{method} - {against}", f"{test.trials}", _shown(test.difference),
-                f"{test.p:.3f}", _shown(test.kept), f"{test.p_kept:.3f}",
-                f"{test.fewer} to {test.more}", f"{test.p_failures:.3f}",
-                _shown(test.fallen), f"{test.p_fallen:.3f}",
-            ))  # fmt: skip
-    parts = [f"## Simulator to {robot}", table(COLUMNS, lines)]
-    parts += [table(TESTS, tests)] if tests else []
-    return "\n\n".join(parts) + "\n"
-
-
-def _shown(interval: Interval, scale: float = 1.0) -> str:
-    """A number with its interval; a dash where there is none."""
-    if not np.isfinite(interval.mean):
-        return "-"
-    text = f"{scale * interval.mean:.1f}"
-    if not interval.known:
-        return text
-    return f"{text} ({scale * interval.low:.1f} to {scale * interval.high:.1f})"

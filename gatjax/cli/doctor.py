@@ -24,7 +24,7 @@ PACKAGES = ("jax", "mujoco", "mujoco-mjx", "evosax", "orbax-checkpoint", "dartpy
 def examine() -> Iterator[tuple[str, str]]:
     """Yield (what, finding) pairs; a broken engine is a finding, not an exception."""
     yield "python", f"{platform.python_version()} on {platform.platform()}"
-    yield "cores", f"{len(processors.usable())} of {os.cpu_count()}"
+    yield "cores", f"{processors.usable()} of {os.cpu_count()}"
     for package in PACKAGES:
         try:
             yield package, importlib.metadata.version(package)

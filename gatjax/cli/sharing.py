@@ -22,7 +22,7 @@ from gatjax.cli.resume import GROUNDING
 from gatjax.hosts import Crew, Task
 from gatjax.hosts.crew import Run
 from gatjax.loop.memory import frugal
-from gatjax.loop.steps import Share, searched, unshared
+from gatjax.loop.steps import Share, physics, searched, unshared
 from gatjax.ranking import Evaluate
 from gatjax.robot.model import SHIPPED, check_walker
 from gatjax.settings import LoopSettings
@@ -71,10 +71,12 @@ def opened(verb: Search) -> Iterator[Share]:
 
 def _told(verb: Search) -> Task:
     """What a search tells hosts that join."""
+    world = world_of(verb.world, task_at(verb.rate_hz))
     facts = {
         "versions": {name: version(name) for name in SAME},
         "model": verb.model,
         "rate_hz": verb.rate_hz,
+        "simulator": physics(searched(LoopSettings(model=verb.model), world)),
     }
     return Task(facts, {} if verb.world is None else _files(verb.world))
 
@@ -112,6 +114,13 @@ def prepared(task: Task, verb: Work) -> Run:
             )
         )
         world = searched(settings, world)  # reads the model again
+        here = physics(world)
+    theirs = task.facts["simulator"]
+    if here != theirs:
+        raise ValueError(
+            f"the leader simulates with {theirs}, this host with {here}; install the "
+            f"same gatjax on both"
+        )
 
     def build(turns: int) -> Run:
         backend = prepare(world, settings.backend, settings.impl, turns)

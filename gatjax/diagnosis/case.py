@@ -242,7 +242,7 @@ def mapped(
 ) -> list:
     """Apply a function to items on all cores, in order; tell the share that is done."""
     results = []
-    with ThreadPoolExecutor(len(processors.usable())) as pool:
+    with ThreadPoolExecutor(processors.usable()) as pool:
         for result in pool.map(function, items):
             results.append(result)
             tell(len(results) / len(items))

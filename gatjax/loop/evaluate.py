@@ -11,7 +11,7 @@ import numpy as np
 
 from gatjax import runs
 from gatjax.loop.candidates import Candidate, measured
-from gatjax.loop.setting import CONFIRMATIONS, ROBOT_UNIT, Away, Setting
+from gatjax.loop.setting import CONFIRMATIONS, ROBOT_UNIT, Away, Setting, judged
 from gatjax.records import Array, Outcome
 from gatjax.settings import CONFIRMATION, EVALUATION, seeds
 from gatjax.sim.poses import write_walk
@@ -26,25 +26,17 @@ class Walks(NamedTuple):
     seeds: Sequence[int]
 
 
-def walk(asked: Sequence[Walks], stage: str) -> None:
+def begin(asked: Sequence[Walks], stage: str) -> Callable[[], None]:
     """Let candidates of runs with the same robot walk, once, in one call of the robot.
 
-    It is kept when all of them have walked.
+    Returns:
+        What waits for the walks, and keeps them when all are done. A robot that is not
+        `Away` walks only then.
     """
     left, setting = _left(asked), asked[0].setting
     if left:
         setting.progress.stage(stage)
-        _, outcome = setting.robot.walk(*_walks(left))
-        _keep(left, outcome)
-    _tell(asked)
-
-
-def begin(robot: Away, asked: Sequence[Walks], stage: str) -> Callable[[], None]:
-    """Begin what `walk` does; returns what waits for the walks and keeps them."""
-    left = _left(asked)
-    if left:
-        asked[0].setting.progress.stage(stage)
-    wait = robot.begin_walks(*_walks(left)) if left else None
+    wait = judged(setting.robot, *_walks(left)) if left else None
 
     def keep() -> None:
         if wait is not None:
@@ -132,9 +124,9 @@ def evaluate(
         for run, some in found
     ]
     if setting.settings.backend == "mjx" and isinstance(setting.robot, Away):
-        return begin(setting.robot, asked, stage)
+        return begin(asked, stage)
     for each in asked:
-        walk([each], stage)
+        begin([each], stage)()
     return nothing
 
 
@@ -148,7 +140,7 @@ def confirm(found: Sequence[tuple[Setting, Candidate]], stage: str) -> None:
         for run, one in found
     ]
     for some in _calls(fresh):
-        walk(some, stage)
+        begin(some, stage)()
 
 
 def winner(setting: Setting, candidates: list[Candidate]) -> Candidate | None:

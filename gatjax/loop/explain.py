@@ -38,7 +38,8 @@ def explained(setting: Setting, done: float = 0.0) -> list[Entry]:
     """Return GAT on the extended simulation; nothing where there is no such thing.
 
     The diagnosis and its world are made once. Whatever stands against them is told in
-    one line and kept in diagnosis/skipped.txt, and the run goes on without.
+    one line and kept in diagnosis/skipped.txt, and the run goes on without, also when
+    it is called again.
 
     Args:
         setting: of the trial.
@@ -58,13 +59,17 @@ def explained(setting: Setting, done: float = 0.0) -> list[Entry]:
             write_world(file, extended(setting, walks), {"verb": "run"}, None)
     work(1.0 - done)
     if skipped.exists():
+        setting.progress.stage(
+            f"no GAT after diagnosis: {skipped.read_text().strip()} (to try again, "
+            f"delete {skipped.parent})"
+        )
         return []
     return [Entry(EXPLAINED, "gat", read_world(file, setting.task)[0])]
 
 
 @contextmanager
 def _skipping(setting: Setting) -> Iterator[None]:
-    """Tell and keep what stands against a diagnosis in the block, and go on."""
+    """Keep what stands against a diagnosis in the block, and go on."""
     try:
         yield
     except np.linalg.LinAlgError:
@@ -74,11 +79,9 @@ def _skipping(setting: Setting) -> Iterator[None]:
 
 
 def _skip(setting: Setting, reason: str) -> None:
-    line = " ".join(reason.split())
-    setting.progress.stage(f"no GAT after diagnosis: {line}")
     file = setting.folder / SKIPPED
     file.parent.mkdir(exist_ok=True)
-    write_whole({file: f"{line}\n".encode()})
+    write_whole({file: f"{' '.join(reason.split())}\n".encode()})
 
 
 def diagnosed(setting: Setting, work: Callable[[float], None]) -> None:
@@ -122,6 +125,7 @@ def ahead(trials: Sequence[Setting], cores: int, memory: float) -> set[Path]:
     with suppress(ValueError):  # which is told below, trial by trial
         play_together(left)
     for setting in left:
+        collect(setting, setting.robot, "robot_0", THETA0)  # or try again later
         with _skipping(setting):
             cases.append((setting, case_of(setting)))
     if not cases:

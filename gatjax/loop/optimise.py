@@ -24,14 +24,16 @@ from gatjax.loop.steps import (
     Steps,
     apart,
     generation,
+    physics,
     searched,
     together,
     unshared,
 )
-from gatjax.runs import Progress
+from gatjax.runs import Progress, check_same, read_json, write_json
 from gatjax.settings import LoopSettings
 from gatjax.sim.alike import alike
 from gatjax.sim.backend import prepare
+from gatjax.sim.world import World
 from gatjax.walk.parameters import HIGH, LOW, STEP
 
 
@@ -47,8 +49,10 @@ def optimise(
         share: makes of what evaluates policies here what evaluates them on all hosts.
     """
 
+    world = searched(settings, job.world)
+    _same(job, world)
+
     def build(space: search.Space) -> Steps:
-        world = searched(settings, job.world)
         step = generation(settings, world, space, share, progress.stage)
         return apart(step, world.values)
 
@@ -60,15 +64,55 @@ def optimise_all(
 ) -> list[list[Candidate]]:
     """Search in trials of one method; on mjx all of them are one compiled call.
 
-    Worlds that differ in their causes are made alike first (`gatjax.sim.alike`).
+    Worlds that differ in their causes are made alike first (`gatjax.sim.alike`); those
+    whose physics steps differ are searched apart, so that each search is what it would
+    be alone.
 
     Args:
         jobs: trials of one method, each with a folder of its own.
         settings: of the runs, whose seeds alone may differ.
         progress: told of every generation.
     """
+    if settings.backend != "mjx":
+        return [optimise(job, settings, progress) for job in jobs]
+    found: dict[int, list[Candidate]] = {}
+    for places in stepping(jobs, settings):
+        some = _at_once([jobs[place] for place in places], settings, progress)
+        found |= dict(zip(places, some, strict=True))
+    return [found[place] for place in range(len(jobs))]
+
+
+def _same(job: Job, world: World) -> None:
+    """Refuse to go on with a search that another simulator began.
+
+    Raises:
+        ValueError: one line with what differs.
+    """
+    file, here = job.checkpoints / "simulator.json", physics(world)
+    if checkpoints.latest(job.checkpoints) is None:
+        job.checkpoints.mkdir(parents=True, exist_ok=True)
+        write_json(file, here)
+    else:
+        check_same(read_json(file) if file.exists() else {}, here, job.checkpoints)
+
+
+def stepping(jobs: Sequence[Job], settings: LoopSettings) -> list[list[int]]:
+    """Places of jobs that are searched with the same steps and solver, in order."""
+    groups: dict[tuple, list[int]] = {}
+    for place, job in enumerate(jobs):
+        world = searched(settings, job.world)
+        _same(job, world)
+        option = world.model.opt
+        groups.setdefault((option.timestep, option.iterations), []).append(place)
+    return [*groups.values()]
+
+
+def _at_once(
+    jobs: Sequence[Job], settings: LoopSettings, progress: Progress
+) -> list[list[Candidate]]:
+    """Search in trials in one call a generation, or one by one if that cannot be."""
     worlds = light = None
-    if len(jobs) > 1 and settings.backend == "mjx":
+    if len(jobs) > 1:
         worlds = alike([job.world for job in jobs])
         light = worlds and alike([searched(settings, world) for world in worlds])
     if worlds is None or light is None:

@@ -14,7 +14,7 @@ import numpy as np
 from gatjax import search
 from gatjax.loop.candidates import Candidate, Job
 from gatjax.loop.optimise import generations
-from gatjax.loop.setting import ORACLE, ROBOT_UNIT, Setting
+from gatjax.loop.setting import ORACLE, ROBOT_UNIT, Setting, judged
 from gatjax.loop.steps import Steps, apart
 from gatjax.records import Array
 
@@ -38,7 +38,8 @@ def oracle(setting: Setting, iteration: int, theta: Array) -> list[Candidate]:
         drawn = APART + np.asarray(jax.random.bits(keys[0], (len(keys),)), np.int64)
         count, repeats = len(policies), len(drawn)
         each = np.repeat(policies, repeats, axis=0)
-        _, outcome = setting.robot.walk(each, np.tile(drawn, count), setting.task)
+        seeds = np.tile(drawn, count)
+        outcome = judged(setting.robot, each, seeds, setting.task)()
         return np.reshape(outcome.cost, (count, repeats))
 
     def build(space: search.Space) -> Steps:

@@ -64,6 +64,18 @@ class Away(Protocol):
         ...
 
 
+def judged(
+    robot: Robot, policies: Array, seeds: Sequence[int] | np.ndarray, task: Task
+) -> Callable[[], Outcome]:
+    """Begin walks where they can be begun; returns what tells how they fared [N].
+
+    A robot in processes of its own does not send whole trajectories then.
+    """
+    if isinstance(robot, Away):
+        return robot.begin_walks(policies, seeds, task)
+    return lambda: robot.walk(policies, seeds, task)[1]
+
+
 class Setting(NamedTuple):
     """What all stages of one run share."""
 

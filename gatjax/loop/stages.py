@@ -95,7 +95,7 @@ def entries(trials: Sequence[Setting]) -> list[tuple[Setting, Entry]]:
     """What is compared: the methods, and GAT on what a diagnosis leaves."""
     explain, found, told = trials[0].settings.explain, [], set()
     if explain:
-        told = ahead(trials, len(processors.usable()), processors.memory())
+        told = ahead(trials, processors.usable(), processors.memory())
     for setting in trials:
         methods = setting.settings.methods
         own = [Entry(name, name, setting.world) for name in methods]

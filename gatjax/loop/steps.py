@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 from gatjax import search
 from gatjax.loop.memory import frugal
 from gatjax.ranking import Evaluate
+from gatjax.robot.model import model_file
 from gatjax.settings import LoopSettings
 from gatjax.sim.backend import costs, prepare
 from gatjax.sim.lighter import lighter
@@ -34,6 +36,17 @@ def unshared(evaluate: Evaluate) -> Evaluate:
 def searched(settings: LoopSettings, world: World) -> World:
     """Return the world that a search runs in, lighter if the settings say so."""
     return lighter(world) if settings.model == "light" else world
+
+
+def physics(world: World) -> dict[str, Any]:
+    """What is simulated, beside a world's file: searches go on with the same alone."""
+    model, text = world.model, model_file(world.source).read_bytes()
+    return {
+        "timestep_s": float(model.opt.timestep),
+        "solver_iterations": int(model.opt.iterations),
+        "degrees_of_freedom": int(model.nv),
+        "model": hashlib.sha256(text).hexdigest()[:16],
+    }
 
 
 def generation(

@@ -23,7 +23,7 @@ FEWEST = 64  # robots of a share
 
 def count(robots: int) -> int:
     """How many shares a number of robots is worth on this machine."""
-    return max(1, min(MOST, len(processors.usable()) // CREW, robots // FEWEST))
+    return max(1, min(MOST, processors.usable() // CREW, robots // FEWEST))
 
 
 def joined(run: Callable[[Any, threading.Event], Any], robots: int, shares: int) -> Any:

@@ -26,7 +26,7 @@ def facts() -> dict[str, Any]:
             versions[package] = None
     return {
         "processor": _processor(),
-        "cores": len(processors.usable()),
+        "cores": processors.usable(),
         "load": os.getloadavg()[0],
         "devices": [str(device.device_kind) for device in jax.devices()],
         "python": platform.python_version(),

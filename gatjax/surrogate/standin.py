@@ -74,7 +74,7 @@ class StandIn:
     ) -> None:
         """Choose a body; `workers` processes (default: all cores) share the runs."""
         self.name, self.engine, self.body_seed = name, engine, body_seed
-        self.workers = workers or len(processors.usable())
+        self.workers = workers or processors.usable()
         self._processes = Workers(self.workers)
 
     def constants(self) -> dict:
@@ -166,6 +166,8 @@ class StandIn:
         count = len(each)
         if count != len(seeds):
             raise ValueError(f"{len(seeds)} seeds for {count} runs; give one for each")
+        if not count:
+            raise ValueError("no runs are asked for; give one seed or more")
         turns = math.ceil(count / (self.engine.together * self.workers))
         size = math.ceil(count / (turns * self.workers))
         return [slice(first, first + size) for first in range(0, count, size)]
