@@ -86,7 +86,7 @@ class Workers:
             return
         for process in self._ours:
             process.terminate()
-        # One that ends while it tells something leaves its listener waiting for the rest:
+        # One that ends while it tells something leaves a listener waiting for more:
         # no end is seen while this process could write, too, which it never does.
         results: Any = self._pool._result_queue
         results._writer.close()
