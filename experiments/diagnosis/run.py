@@ -4,7 +4,7 @@
 
 makes 40 cases of each kind (seeds 44001 to 44004) and diagnoses them. Ctrl-C keeps what
 is solved, and the same command goes on. It writes marks/44000.json and prints its
-scores; fresh.md and its picture are those of FRESH, the last seed; scores.md and its
+scores; fresh.md and its picture are those of FRESH, 40 of each kind; scores.md and its
 pictures are those of SAMPLE, the seeds of one method: no file differs that
 `gatjax.diagnosis`, the cases or the marks import. So a large sample can be made on
 several days and machines. A seed must be fresh: no case of it was looked at while the
@@ -35,7 +35,7 @@ ROBOTS = ("arm_servo", "arm_two", "leg_six", "quad_hung")
 STOPPED = (-2, -15, 130)  # exit codes of what Ctrl-C ended
 SAMPLE = range(48000, 54000, 1000)  # seeds that scores.md is about
 FAINT = (56001,)  # effects from d 0.3 on, beside these in detection.png
-FRESH = 57000  # all kinds, by the method as it is: fresh.md
+FRESH = 57000  # the newest seed with 40 of each kind: fresh.md
 LEAST = "3"  # visibility d that effects aim at
 METHOD = (  # and whatever these import
     "gatjax.diagnosis.diagnose", "gatjax.diagnosis.suitable", "gatjax.data.checks",
