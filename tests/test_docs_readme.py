@@ -130,8 +130,9 @@ def test_command_lines_parse():
 
 
 def leads_somewhere(link: str) -> bool:
-    """Whether a link's file exists and, behind a #, a heading of it."""
+    """Whether a link's file, or the README, exists and, behind a #, a heading of it."""
     file, _, place = link.partition("#")
+    file = file or "README.md"
     if not place or not (ROOT / file).is_file():
         return (ROOT / file).is_file()
     text = (ROOT / file).read_text(encoding="utf-8")
