@@ -135,6 +135,19 @@ def test_what_ties_is_told_where_nothing_was(gain, where, told):
     assert weighing.worth_telling(judge, best, claims, causes) is told
 
 
+@pytest.mark.parametrize(("there", "told"), [(1.0, True), (100.5, False)])
+def test_what_explains_other_joints_is_no_rival(there, told):
+    """A cause of all joints takes nothing from one's own that it does not explain."""
+    best, every = claim("gain"), dict.fromkeys(range(4), FIT)
+    wide = claim("tilt", 500.0)._replace(where=(0, 1, 2, 3), fits=every)
+    causes = [weighing.Cause(claim("elastic")._replace(fits=every), 1.0, [], [])]
+    judge = Told({})
+    judge.joints = [None] * 4
+    judge.score = lambda index, fit: there if index == 0 else 200.0
+    assert weighing.worth_telling(judge, best, [wide, best], causes) is told
+    assert (weighing.weighed(judge, best, [wide, best]).probability > 0.9) is told
+
+
 def test_other_places_of_a_cause_are_no_rivals_to_telling_it():
     every = dict.fromkeys((0, 1, 2), FIT)
     some = dict.fromkeys((0, 1), FIT)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -37,7 +36,7 @@ def weighed(judge: Judge, best: Claim, claims: list[Claim]) -> Cause:
     """Probability of a claim against its rivals; aliases count as one."""
     count = len(judge.joints)
     mine = alias(best.hypothesis, count)
-    rivals = [c for c in claims if c.rivals(best) and c is not best]
+    rivals = _rivals(judge, best, claims)
     shares = _shares([best, *rivals])
     same = np.array([True, *(alike(c, best, mine) for c in rivals)])
     probability = float(shares[:-1][same].sum())
@@ -69,12 +68,33 @@ def worth_telling(
         causes: that are told already.
     """
     mine = alias(best.hypothesis, len(judge.joints))
-    rivals = [c for c in claims if c.rivals(best) and c is not best]
+    rivals = _rivals(judge, best, claims)
     same = np.array([True, *(c.hypothesis.cause in mine for c in rivals)])
     if _shares([best, *rivals])[:-1][same].sum() >= LIKELY:
         return True
     alone = not any(best.rivals(cause.claim) for cause in causes)
-    return alone and not _beaten(judge, best, claims)
+    return alone and not _beaten(judge, best, rivals)
+
+
+def _rivals(judge: Judge, best: Claim, claims: list[Claim]) -> list[Claim]:
+    """Other claims about the same logs, best first, by what they explain of them.
+
+    What one explains at joints that the best claim is not about is no reason against
+    it: there both may be true.
+    """
+    found = [c for c in claims if c.rivals(best) and c is not best]
+    if len(best.where) == len(judge.joints):
+        return found
+
+    def there(claim: Claim) -> Claim:
+        shared = set(claim.fits) & set(best.fits)
+        other = claim.body is not None or claim.lost or claim.stance is not None
+        if other or len(shared) == len(claim.fits):
+            return claim
+        gain = sum(judge.score(k, claim.fits[k]) for k in shared)
+        return claim._replace(gain=min(gain, claim.gain))
+
+    return sorted(map(there, found), key=lambda claim: -claim.gain)
 
 
 def _shares(claims: list[Claim]) -> np.ndarray:
@@ -96,13 +116,12 @@ def told_again(judge: Judge, told: Claim, claims: list[Claim]) -> Cause | None:
     return found._replace(claim=told, equivalent=equivalent)
 
 
-def _beaten(judge: Judge, best: Claim, claims: list[Claim]) -> bool:
+def _beaten(judge: Judge, best: Claim, rivals: list[Claim]) -> bool:
     """Whether a catalogued rival that is no finding explains more; then neither is."""
     mine = alias(best.hypothesis, len(judge.joints))
-    before = itertools.takewhile(lambda claim: claim is not best, claims)
     return any(
-        c.hypothesis.cause and c.rivals(best) and not alike(c, best, mine)
-        for c in before
+        c.hypothesis.cause and c.gain > best.gain and not alike(c, best, mine)
+        for c in rivals
     )
 
 
