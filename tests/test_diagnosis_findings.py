@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gatjax.diagnosis import findings
-from gatjax.diagnosis.bank import CAUSES
+from gatjax.diagnosis.bank import CAUSES, OTHERS
 from gatjax.diagnosis.claims import LATER, WORTH, Claim
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.joint import NOTHING
@@ -39,6 +39,32 @@ def test_a_further_cause_needs_more_beside_one_that_was_known_before(monkeypatch
     worn = NOTHING._replace(named=frozenset({"backlash"}))
     judge.accepted, judge.joints = [], [SimpleNamespace(assumed=worn)]
     assert findings.needed(judge, (0,))[0] == LATER
+
+
+@pytest.mark.parametrize(
+    ("bank", "gain", "calm", "worth"),
+    [
+        (CAUSES, 8.0, True, True),
+        (OTHERS, 8.0, True, False),  # a law without a name, and nothing to explain
+        (OTHERS, 8.0, False, True),
+        (OTHERS, 25.0, True, True),
+    ],
+)
+def test_a_law_without_a_name_needs_more_where_tolerances_are_enough(
+    monkeypatch, bank, gain, calm, worth
+):
+    monkeypatch.setattr(findings, "adequate", lambda judge, index: calm)
+    monkeypatch.setattr(findings, "explained", lambda judge, claim: 1.0)
+    monkeypatch.setattr(Judge, "visibility", lambda judge, claim: 0.4)
+    judge = object.__new__(Judge)
+    judge.accepted, judge.joints = [], [SimpleNamespace(assumed=NOTHING)]
+    judge.case = SimpleNamespace(pulled={})
+    none = np.zeros(1)
+    fit = Fit(bank[0], none, 0.0, none, none, none, 1.0, settled=True)
+    assert (
+        findings.worth_naming(judge, Claim(bank[0], none, (0,), {0: fit}, gain))
+        is worth
+    )
 
 
 @pytest.mark.parametrize(

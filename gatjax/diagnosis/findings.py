@@ -26,9 +26,12 @@ def worth_naming(judge: Judge, claim: Claim) -> bool:
     """Whether a claim is well supported, and larger than what tolerances do.
 
     What a large cause of one joint leaves there, a small share of what it explained, is
-    more likely its own law drawn too simply than a second cause.
+    more likely its own law drawn too simply than a second cause. A law without a name
+    says little about a joint that tolerances explain.
     """
     nats, visible = needed(judge, claim.fits)
+    if not claim.hypothesis.cause and all(adequate(judge, k) for k in claim.fits):
+        nats = max(nats, AGAIN)
     if claim.gain < nats:
         return False
     if len(claim.fits) > 1 and claim.stance is None and not whole(judge, claim):
