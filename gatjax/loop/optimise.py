@@ -48,7 +48,6 @@ def optimise(
         progress: told of every generation.
         share: makes of what evaluates policies here what evaluates them on all hosts.
     """
-
     world = searched(settings, job.world)
     _same(job, world)
 
