@@ -279,7 +279,8 @@ CAUSES: tuple[Hypothesis, ...] = (
 """Causes of the catalogue that a single joint can show."""
 
 SERVOED = frozenset({"dead_band", "command_quantization", "speed_limit (target)",
-                     "encoder_offset (in loop)", "integral action"})  # fmt: skip
+                     "encoder_offset (in loop)", "integral action",
+                     "uneven gain"})  # fmt: skip
 """Names of what only a position servo can have."""
 
 SURE = {  # tolerances, and what cannot be where one is 0
@@ -293,6 +294,7 @@ OTHERS: tuple[Hypothesis, ...] = (
     _spring(),
     wave("", "periodic torque", ("wave", "wave_phase", "frequency"), _FREQUENCIES),
     signed("", "integral action", "integral", "rate", 3.0, 50.0),
+    signed("", "uneven gain", "skew", "skew", 0.3, 0.95),
 )
 """Laws without an entry in the catalogue: when one wins, the cause is unknown."""
 

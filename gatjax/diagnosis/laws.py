@@ -59,6 +59,7 @@ class Drive(NamedTuple):
     wave_phase: Array  # rad
     frequency: Array  # rad/s
     integral: Array  # 1/s
+    skew: Array  # kp is larger by that share for positive errors, smaller for others
     terms: Array  # [S, B] of the load
 
 
@@ -140,7 +141,8 @@ def servo(
     left *= jnp.clip(1.0 - p.sag * g.supply[:, None], 0.05, 1.0)
     stiffness = g.stiffness[:, None]
     most = p.limit * left * (stiffness > 0.0)  # without power no back EMF either
-    gain = p.kp * stiffness * left * (error + integral)
+    driven = error + p.skew * jnp.abs(error) + integral
+    gain = p.kp * stiffness * left * driven
     low = -most * jnp.clip(1.0 + speed / p.speed, 0.0, 1.0)
     high = most * jnp.clip(1.0 - speed / p.speed, 0.0, 1.0)
     got = 1.0 / (1.0 + p.soft * jnp.abs(jnp.clip(gain - p.kv * speed, low, high)))
