@@ -194,7 +194,8 @@ def test_the_sine_is_right_where_rates_and_times_take_it():
         {"ripple": 0.3,
         "cycles": 8.0}, {"zero_in": 0.05}, {"zero_out": 0.05}, {"scale": 1.05},
         {"sag": 0.4}, {"drag": 0.4}, {"spring": 2.0}, {"bias": 0.5},
-        {"wave": 0.4, "frequency": 9.0}, {"integral": 5.0}, {"drift": 0.01}, {"skew": 0.4},
+        {"wave": 0.4, "frequency": 9.0}, {"integral": 5.0}, {"drift": 0.01},
+        {"skew": 0.4},
     ],
 )  # fmt: skip
 def test_every_law_moves_the_reading_and_its_neutral_value_does_not(law):

@@ -102,6 +102,22 @@ def test_tolerances_that_stand_for_a_linear_law_give_way_to_it():
     assert best.x[-2:] == pytest.approx((0.0, 0.01), abs=0.002)
 
 
+@pytest.mark.parametrize(("law", "best"), [
+    ({"skew": 0.4}, "uneven gain"), ({"one_sided": 0.4}, "asymmetric_friction"),
+])  # fmt: skip
+def test_an_uneven_servo_is_told_from_friction_of_one_direction(law, best):
+    """Both make one direction slower; the friction alone has a name."""
+    elbow = joint(wave, rest=0.8)
+    noise = 7e-4 * np.random.default_rng(0).normal(size=elbow.measured.shape)
+    elbow = elbow._replace(measured=elbow.simulate([law], False)[..., 0] + noise)
+    bank = tuple(
+        h for h in of_drive(elbow, CAUSES + OTHERS)
+        if h.cause == "asymmetric_friction" or h.variant == "uneven gain"
+    )  # fmt: skip
+    found = search.explain(elbow, search.healthy(elbow), bank)[0].hypothesis
+    assert found is not None and best in (found.cause, found.variant)
+
+
 def test_rounded_targets_are_looked_at_closely_where_they_promise_something(
     monkeypatch,
 ):
