@@ -368,9 +368,9 @@ def test_a_trial_without_logs_leaves_the_others_alone(pair, robot, monkeypatch):
 
     monkeypatch.setattr(robot, "play", falls)
     assert explain.ahead(trials, 8, 1e12) == {trials[1].folder}
+    assert [len(explain.explained(each)) for each in trials] == [0, 1]
     (said,) = [text for text in told if text.startswith("no GAT after diagnosis")]
     assert "no trajectory has a row before its fall" in said
-    assert [len(explain.explained(each)) for each in trials] == [0, 1]
 
 
 def test_a_diagnosis_that_dies_leaves_them_to_be_made_one_by_one(pair, monkeypatch):
