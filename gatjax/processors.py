@@ -17,7 +17,7 @@ def usable() -> int:
     All of the machine where the system does not tell; a container's or a job's limit of
     processor time counts as so many.
     """
-    return math.ceil(min(len(_given()), _time(TOLD, GROUPS)))
+    return math.ceil(min(len(_given()), _time()))
 
 
 def shares(count: int) -> list[set[int]]:
@@ -39,26 +39,22 @@ def _given() -> list[int]:
     return list(range(os.cpu_count() or 1))
 
 
-def memory(told: Path = TOLD, root: Path = GROUPS) -> float:
+def memory() -> float:
     """Bytes that this process may use; infinite where the system does not tell.
 
     They are those of the machine, or of the container or the job of a cluster.
-
-    Args:
-        told: lists the control groups of the process.
-        root: where control groups are.
     """
     known, whole = getattr(os, "sysconf_names", {}), math.inf
     if {"SC_PHYS_PAGES", "SC_PAGE_SIZE"} <= set(known):
         whole = float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
-    texts = _texts("memory", ("memory.limit_in_bytes",), ("memory.max",), told, root)
+    texts = _texts("memory", ("memory.limit_in_bytes",), ("memory.max",))
     return min([whole, *(float(text) for (text,) in texts if text.isdigit())])
 
 
-def _time(told: Path, root: Path) -> float:
+def _time() -> float:
     """Processors whose time the process may use; infinite where nothing limits it."""
     old = "cpu.cfs_quota_us", "cpu.cfs_period_us"
-    words = [" ".join(t).split() for t in _texts("cpu", old, ("cpu.max",), told, root)]
+    words = [" ".join(t).split() for t in _texts("cpu", old, ("cpu.max",))]
     limits = [
         float(w[0]) / float(w[1]) for w in words if len(w) == 2 and w[0].isdigit()
     ]
@@ -66,7 +62,7 @@ def _time(told: Path, root: Path) -> float:
 
 
 def _texts(
-    kind: str, old: tuple[str, ...], new: tuple[str, ...], told: Path, root: Path
+    kind: str, old: tuple[str, ...], new: tuple[str, ...]
 ) -> Iterator[list[str]]:
     """What files say of a kind of limit, of the process' groups and those around them.
 
@@ -74,14 +70,12 @@ def _texts(
         kind: of limit.
         old: files of cgroups 1, which have a tree for each kind.
         new: files of cgroups 2.
-        told: lists the groups.
-        root: where they are.
     """
-    for line in told.read_text().splitlines() if told.exists() else []:
+    for line in TOLD.read_text().splitlines() if TOLD.exists() else []:
         _, kinds, path = line.split(":", 2)
         if kinds and kind not in kinds.split(","):
             continue
-        top = root / kind if kinds else root
+        top = GROUPS / kind if kinds else GROUPS
         folder = top / path.lstrip("/")
         for place in (folder, *folder.parents):
             if not place.is_relative_to(top):

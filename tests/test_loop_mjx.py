@@ -12,6 +12,7 @@ import pytest
 from gatjax import loop
 from gatjax.effects.effect import memoryless
 from gatjax.loop.optimise import optimise_all, stepping
+from gatjax.loop.steps import searched
 from gatjax.runs import read_table
 from gatjax.settings import LoopSettings, SearchSettings
 from gatjax.sim import lighter
@@ -77,20 +78,16 @@ def test_trials_are_one_call_and_each_finds_what_it_finds_alone_on_native(tmp_pa
     assert not np.allclose(both[0][1].policy, both[1][1].policy)
 
 
-def test_trials_with_other_physics_steps_are_searched_apart(tmp_path):
+def test_trials_with_other_physics_steps_are_searched_apart():
     """A dead band acts once per physics step, a payload does not: 4 ms and 5 ms."""
 
-    def job(place, *causes):
-        world = add_causes(nominal(), causes)
-        key = jax.random.key(place)
-        folder = tmp_path / str(place)
-        return loop.Job(folder, "gat", 0, world, THETA0, key, key)
-
     gap, payload = CAUSES[2][1], CAUSES[1][0]
-    jobs = [job(0, gap), job(1, payload), job(2, gap, payload), job(3)]
+    some = (gap,), (payload,), (gap, payload), ()
+    worlds = [add_causes(nominal(), causes) for causes in some]
     light = LoopSettings(search=SETTINGS, backend="mjx", impl="jax")
-    assert stepping(jobs, light) == [[0, 2], [1, 3]]
-    assert stepping(jobs, dataclasses.replace(light, model="full")) == [[0, 1, 2, 3]]
+    full = dataclasses.replace(light, model="full")
+    assert stepping([searched(light, each) for each in worlds]) == [[0, 2], [1, 3]]
+    assert stepping([searched(full, each) for each in worlds]) == [[0, 1, 2, 3]]
 
 
 def test_a_search_that_another_simulator_began_does_not_go_on(tmp_path, monkeypatch):
@@ -108,7 +105,7 @@ def test_a_search_that_another_simulator_began_does_not_go_on(tmp_path, monkeypa
     with pytest.raises(ValueError, match=said):
         loop.optimise(job, settings, quiet)
     with pytest.raises(ValueError, match=said):
-        stepping([job], settings)
+        optimise_all([job], dataclasses.replace(settings, backend="mjx"), quiet)
     (job.checkpoints / "simulator.json").unlink()  # as before such files were written
     with pytest.raises(ValueError, match="started with timestep_s = None"):
         loop.optimise(job, settings, quiet)

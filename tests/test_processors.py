@@ -29,23 +29,31 @@ def test_only_processors_that_the_process_was_given_are_used():
     assert told.stdout.strip() == "1 1"
 
 
+@pytest.fixture
+def groups(tmp_path, monkeypatch):
+    """Where the system tells a process its control groups, and where they are."""
+    monkeypatch.setattr(processors, "TOLD", tmp_path / "cgroup")
+    monkeypatch.setattr(processors, "GROUPS", tmp_path / "groups")
+    return tmp_path / "cgroup", tmp_path / "groups"
+
+
 @pytest.mark.parametrize(
     ("line", "file"),
     [("0::{}", "memory.max"), ("4:cpu,memory:{}", "memory/memory.limit_in_bytes")],
 )
-def test_a_job_has_no_more_memory_than_its_cluster_gives_it(tmp_path, line, file):
-    told, root = tmp_path / "cgroup", tmp_path / "groups"
-    assert processors.memory(told, root) > 5e8  # nothing is told: that of the machine
+def test_a_job_has_no_more_memory_than_its_cluster_gives_it(groups, line, file):
+    told, root = groups
+    assert processors.memory() > 5e8  # nothing is told: that of the machine
     own = (root / file).parent / "slurm" / "job_7"
     own.mkdir(parents=True)
     told.write_text(f"1:cpuset:/other\n{line.format('/slurm/job_7')}\n")
-    whole = processors.memory(told, root)
+    whole = processors.memory()
     (own / file.split("/")[-1]).write_text("max\n")
-    assert processors.memory(told, root) == whole
+    assert processors.memory() == whole
     (own.parent / file.split("/")[-1]).write_text("300000000\n")  # of all its steps
-    assert processors.memory(told, root) == 3e8
+    assert processors.memory() == 3e8
     (own / file.split("/")[-1]).write_text("200000000\n")
-    assert processors.memory(told, root) == 2e8
+    assert processors.memory() == 2e8
 
 
 @pytest.mark.parametrize(
@@ -58,23 +66,20 @@ def test_a_job_has_no_more_memory_than_its_cluster_gives_it(tmp_path, line, file
         ),
     ],
 )
-def test_a_containers_limit_of_processor_time_counts(
-    tmp_path, monkeypatch, line, files
-):
+def test_a_containers_limit_of_processor_time_counts(groups, monkeypatch, line, files):
     """1.5 processors' time keep two busy, and none of them is one's own."""
-    monkeypatch.setattr(processors, "TOLD", tmp_path / "cgroup")
-    monkeypatch.setattr(processors, "GROUPS", tmp_path / "groups")
+    told, root = groups
     monkeypatch.setattr(processors, "_given", lambda: [*range(16)])
     assert processors.usable() == 16 and len(processors.shares(4)) == 4
-    (tmp_path / "cgroup").write_text(line.format("/pod/box") + "\n")
+    told.write_text(line.format("/pod/box") + "\n")
     for folder, limit in (("pod", "150000"), ("pod/box", "400000")):
         for name, text in files.items():
-            file = (tmp_path / "groups" / name).parent / folder / name.split("/")[-1]
+            file = (root / name).parent / folder / name.split("/")[-1]
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_text(text.format(limit) + "\n")
     assert processors.usable() == 2 and processors.shares(2) == []
     for name, text in files.items():
-        file = (tmp_path / "groups" / name).parent / "pod" / name.split("/")[-1]
+        file = (root / name).parent / "pod" / name.split("/")[-1]
         file.write_text(text.format("max" if len(files) == 1 else "-1") + "\n")
     assert processors.usable() == 4
 

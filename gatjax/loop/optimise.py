@@ -49,13 +49,8 @@ def optimise(
         share: makes of what evaluates policies here what evaluates them on all hosts.
     """
     world = searched(settings, job.world)
-    _same(job, world)
-
-    def build(space: search.Space) -> Steps:
-        step = generation(settings, world, space, share, progress.stage)
-        return apart(step, world.values)
-
-    return _found([job], settings, progress, build)[0]
+    _begin(job, world)
+    return _alone(job, world, settings, progress, share)
 
 
 def optimise_all(
@@ -74,15 +69,35 @@ def optimise_all(
     """
     if settings.backend != "mjx":
         return [optimise(job, settings, progress) for job in jobs]
+    worlds = [searched(settings, job.world) for job in jobs]
+    for job, world in zip(jobs, worlds, strict=True):
+        _begin(job, world)
     found: dict[int, list[Candidate]] = {}
-    for places in stepping(jobs, settings):
-        some = _at_once([jobs[place] for place in places], settings, progress)
-        found |= dict(zip(places, some, strict=True))
+    for places in stepping(worlds):
+        some, there = zip(*((jobs[at], worlds[at]) for at in places), strict=True)
+        candidates = _at_once(some, there, settings, progress)
+        found |= dict(zip(places, candidates, strict=True))
     return [found[place] for place in range(len(jobs))]
 
 
-def _same(job: Job, world: World) -> None:
-    """Refuse to go on with a search that another simulator began.
+def _alone(
+    job: Job,
+    world: World,
+    settings: LoopSettings,
+    progress: Progress,
+    share: Share = unshared,
+) -> list[Candidate]:
+    """Search in one trial, in a world that is made for it."""
+
+    def build(space: search.Space) -> Steps:
+        step = generation(settings, world, space, share, progress.stage)
+        return apart(step, world.values)
+
+    return _found([job], settings, progress, build)[0]
+
+
+def _begin(job: Job, world: World) -> None:
+    """Tell a search's folder its simulator; refuse one that another simulator began.
 
     Raises:
         ValueError: one line with what differs.
@@ -95,19 +110,20 @@ def _same(job: Job, world: World) -> None:
         check_same(read_json(file) if file.exists() else {}, here, job.checkpoints)
 
 
-def stepping(jobs: Sequence[Job], settings: LoopSettings) -> list[list[int]]:
-    """Places of jobs that are searched with the same steps and solver, in order."""
+def stepping(worlds: Sequence[World]) -> list[list[int]]:
+    """Places of worlds that have the same physics step and solver, in order."""
     groups: dict[tuple, list[int]] = {}
-    for place, job in enumerate(jobs):
-        world = searched(settings, job.world)
-        _same(job, world)
+    for place, world in enumerate(worlds):
         option = world.model.opt
         groups.setdefault((option.timestep, option.iterations), []).append(place)
     return [*groups.values()]
 
 
 def _at_once(
-    jobs: Sequence[Job], settings: LoopSettings, progress: Progress
+    jobs: Sequence[Job],
+    searching: Sequence[World],
+    settings: LoopSettings,
+    progress: Progress,
 ) -> list[list[Candidate]]:
     """Search in trials in one call a generation, or one by one if that cannot be."""
     worlds = light = None
@@ -115,7 +131,8 @@ def _at_once(
         worlds = alike([job.world for job in jobs])
         light = worlds and alike([searched(settings, world) for world in worlds])
     if worlds is None or light is None:
-        return [optimise(job, settings, progress) for job in jobs]
+        pairs = zip(jobs, searching, strict=True)
+        return [_alone(job, world, settings, progress) for job, world in pairs]
 
     def build(space: search.Space) -> Steps:
         return together(settings, light, space, progress.stage)
