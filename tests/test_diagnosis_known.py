@@ -14,7 +14,10 @@ from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis import known
 from gatjax.diagnosis.bank import CAUSES
 from gatjax.diagnosis.claims import Claim
+from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT as TOLERANCES
+from gatjax.diagnosis.hypotheses import Hypothesis
+from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.known import ODD, Known
 
 
@@ -143,3 +146,29 @@ def test_a_fit_that_leads_far_astray_does_not_make_the_motion(monkeypatch):
     right = fits.start(moved, [point])[0]
     (motion,) = cases._resimulated([run], [moved], [right])
     assert np.abs(motion.position).max() > 0.2
+
+
+class Rough(Judge):
+    """A judge of one joint, with a cause that leaves so much of 10 times the noise."""
+
+    def __init__(self, cause, left):
+        elbow, none = joint(wave), np.zeros(TOLERANCES)
+        law = Hypothesis(cause, "", lambda *_: None, (), (), (), (), lambda *_: {})
+        known, best = (
+            Fit(
+                hypothesis, none, 0.0, np.full(4, level * elbow.noise),
+                np.zeros((4, TOLERANCES)), np.eye(TOLERANCES), 1e-2, True,
+            )
+            for hypothesis, level in ((None, 10.0), (law, left))
+        )  # fmt: skip
+        self.joints, self.case = [elbow], SimpleNamespace(pulled={})
+        self.known, self.found = [known], {0: [best]}
+
+
+@pytest.mark.parametrize(("cause", "left", "drawn"), [
+    ("backlash", 1.5, False), ("backlash", 2.0, True),
+    ("stiction", 2.0, False), ("stiction", 3.4, False), ("stiction", 3.6, True),
+])  # fmt: skip
+def test_a_joint_is_drawn_where_its_best_cause_leaves_much(cause, left, drawn):
+    """Of a gap less is much, however well it explains the rest: teeth part any runs."""
+    assert Rough(cause, left)._misses(0, 10.0) == drawn

@@ -13,6 +13,7 @@ NOMINAL = {
     "kp": 20.0, "hold": 1.0, "kv": 0.25, "limit": 5.0, "damping": 0.5, "friction": 0.0,
     "armature": 0.012, "delay": 0.0, "creep": 0.06, "give": 3e-4, "rate": 1e3,
     "speed": 1e6, "scale": 1.0, "cooling": 20.0, "stiffness": 1e3,
+    "ratio": 0.2,
 }  # fmt: skip
 
 
@@ -231,6 +232,26 @@ def test_friction_behind_the_gear_lets_the_motor_wind_it_up():
     wound = seen(nudge, geared=True, link_share=1.0, **gear)
     assert stuck[-1] == pytest.approx(0.0, abs=3e-4)
     assert wound[-1] == pytest.approx(0.005, abs=3e-4)  # two equal springs
+
+
+@pytest.mark.parametrize("ratio", [0.05, 0.3])
+def test_a_link_bounces_off_the_teeth_as_their_damping_says(ratio: float):
+    """It falls on them from the middle of the gap; nothing turns the motor.
+
+    A damped spring that never pulls gives back the share e of the speed (Schwager and
+    Poeschel 2007, eq. 15).
+    """
+    width, root = 0.2, np.sqrt(1.0 - ratio**2)
+    one = joint(lambda t: 0.0, rest=0.05)
+    stamps = np.arange(-0.39, 2.5, 0.001)[None]
+    one = one._replace(time=stamps, measured=0.0 * stamps, valid=stamps > -1.0)
+    gear = {"width": width, "ratio": ratio, "armature": 100.0, "link_share": 0.0}
+    angle = seen(one, geared=True, kp=0.0, damping=0.0, **gear)
+    first = int(np.argmin(angle[:700]))
+    risen = angle[first : first + 900].max() + width / 2
+    leaves = np.pi - np.arctan(2.0 * ratio * root / (1.0 - 2.0 * ratio**2))
+    restitution = np.exp(-ratio / root * leaves)
+    assert risen == pytest.approx(restitution**2 * width / 2, rel=0.1)
 
 
 def test_a_pulled_joint_follows_what_was_measured():

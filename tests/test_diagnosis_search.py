@@ -6,7 +6,7 @@ import pytest
 from test_diagnosis_plant import joint, wave
 
 from gatjax.diagnosis import fit as fits
-from gatjax.diagnosis import search
+from gatjax.diagnosis import search, shaken
 from gatjax.diagnosis.bank import CAUSES, OTHERS, of_drive
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, numbers
@@ -116,6 +116,44 @@ def test_an_uneven_servo_is_told_from_friction_of_one_direction(law, best):
     )  # fmt: skip
     found = search.explain(elbow, search.healthy(elbow), bank)[0].hypothesis
     assert found is not None and best in (found.cause, found.variant)
+
+
+def test_a_gap_is_found_where_slopes_end_in_the_first_valley():
+    """Teeth bounce: of a gap of 90 mrad slopes make one of 52, the search one of 87."""
+    elbow = joint(wave, rest=0.3)
+    law = next(h for h in CAUSES if h.law == ("backlash", "encoder on link"))
+    own = np.log(0.09), 0.0, 0.15, np.log(0.1)
+    drive = numbers(elbow, law, np.append(np.zeros(COUNT), own))
+    noise = 7e-4 * np.random.default_rng(0).normal(size=elbow.measured.shape)
+    elbow = elbow._replace(measured=elbow.simulate([drive], True)[..., 0] + noise)
+    first = np.append(np.zeros(COUNT), (np.log(0.03), 0.1, 0.1, np.log(0.3)))
+    (slopes,) = fits.improve(elbow, fits.start(elbow, [(law, first)]), 20)
+    assert slopes.rms() > 5.0 * elbow.noise
+    found = shaken.found(elbow, slopes)
+    assert found.rms() < 1.3 * elbow.noise
+    assert np.exp(found.x[COUNT]) == pytest.approx(0.09, rel=0.08)
+
+
+def test_rough_fits_are_searched_for_anew_if_they_are_best_or_have_a_gear(
+    monkeypatch,
+):
+    def fit(name, level, geared=False):
+        law = Hypothesis(name, "", lambda *_: None, (), (), (), (), lambda *_: {})
+        rest = np.full(4, level * elbow.noise)
+        law = law._replace(geared=geared)
+        return begun("", 0.0, 0.0)._replace(hypothesis=law, residual=rest)
+
+    elbow, asked = joint(wave), []
+    found = [fit("a", 2.0), fit("b", 2.1), fit("calm", 1.2, True), fit("c", 3.0)]
+    found += [fit("gear", 4.0, True)]
+    monkeypatch.setattr(
+        shaken, "found", lambda _, one: asked.append(one.hypothesis.cause) or one
+    )
+    assert len(search._shaken(elbow, found)) == len(found) + len(asked)
+    assert asked == ["a", "b", "gear"]
+    asked.clear()
+    search._shaken(elbow, [fit("calm", 1.2), *found])
+    assert asked == ["a"]
 
 
 def test_rounded_targets_are_looked_at_closely_where_they_promise_something(

@@ -289,6 +289,10 @@ CASES = {
     "backlash motor": (
         {"width": 0.06, E2: 1}, lambda: rows(geared(0.06, TEETH, 0.3, True)),
     ),
+    "backlash bounces": (
+        {"width": 0.06, "damping_ratio": 0.1},
+        lambda: rows(geared(0.06, TEETH, 0.1, False)),
+    ),
     "joint_elasticity": (
         {"stiffness": 40.0}, lambda: rows(geared(0.0, 40.0, 0.05, False)),
     ),

@@ -53,7 +53,7 @@ def nominal_drive(model: mujoco.MjModel, tree: weights.Tree, index: int) -> dict
         "armature": float(np.square(moves) @ model.dof_armature),
         "delay": TRANSPORT, "creep": CREEP, "give": GIVE,
         "rate": 1e3 if servoed else 1e9, "speed": 1e6, "scale": 1.0,
-        "cooling": 20.0, "stiffness": 1e3,
+        "cooling": 20.0, "stiffness": 1e3, "ratio": 0.2,
     }  # fmt: skip
 
 

@@ -95,24 +95,33 @@ def geared(base: Hypothesis, side: str) -> Hypothesis:
     """The same cause with the motor and the link apart, each with some of the joint's.
 
     The last coordinates are the link's shares of friction and of armature (wheels of
-    the gear turn with it). The encoder sits on one `side`, motor or link.
+    the gear turn with it), and ln of the damping ratio, which says how teeth bounce.
+    The encoder sits on one `side`, motor or link.
     """
-    sensed = float(side == "motor")
+    sensed, own = float(side == "motor"), len(base.low)
+
+    def rest(x: np.ndarray) -> tuple[float, float, float]:
+        return float(x[own]), float(x[own + 1]), float(np.exp(x[own + 2]))
 
     def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
-        base.put(drive, joint, x[:-2])
-        shares = {"link_share": float(x[-2]), "behind": float(x[-1])}
-        drive.update({"sensed": sensed, **shares})
+        base.put(drive, joint, x[:own])
+        drive["sensed"] = sensed
+        drive["link_share"], drive["behind"], drive["ratio"] = rest(x)
 
     def values(joint: Joint, x: np.ndarray) -> Numbers:
-        shares = {"link_share": float(x[-2]), "armature_share": float(x[-1])}
-        return base.values(joint, x[:-2]) | {"encoder_on_motor": sensed, **shares}
+        names = "link_share", "armature_share", "damping_ratio"
+        numbers = dict(zip(names, rest(x), strict=True))
+        return base.values(joint, x[:own]) | {"encoder_on_motor": sensed, **numbers}
 
     return base._replace(
         variant=f"encoder on {side}", put=put, geared=True, values=values,
-        starts=tuple((*s, share, 0.1) for s in base.starts for share in (0.1, 0.8)),
-        steps=(*base.steps, 0.05, 0.05), low=(*base.low, 0.0, 0.0),
-        high=(*base.high, 1.0, 0.5),
+        starts=tuple(
+            (*s, share, 0.1, float(np.log(ratio)))
+            for s in base.starts
+            for share, ratio in ((0.1, 0.1), (0.1, 0.3), (0.8, 0.2))
+        ),
+        steps=(*base.steps, 0.05, 0.05, 0.1), low=(*base.low, 0.0, 0.0, np.log(0.02)),
+        high=(*base.high, 1.0, 0.5, np.log(1.0)),
     )  # fmt: skip
 
 

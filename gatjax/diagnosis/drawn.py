@@ -17,8 +17,10 @@ from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, TOLERANCES, numbers
 from gatjax.diagnosis.joint import Joint
 from gatjax.diagnosis.judge import Judge
+from gatjax.diagnosis.known import GAP
 from gatjax.diagnosis.measure import APART, BLOCK, Errors
 
+BOUNCING = 60.0  # 1/s, of a joint with a gap: slower, chance says where teeth meet
 SHAPES = np.array([name.startswith("term") for name in TOLERANCES])
 """Tolerances of load shapes, which other runs have others of."""
 
@@ -28,8 +30,8 @@ def drawn_errors(
 ) -> dict[int, tuple[Errors, Errors]]:
     """Errors [n, 1] of each joint that is drawn: tolerances alone, with causes.
 
-    Joints without a servo always are. Joints that lost commands are left out: which
-    ones, is chance.
+    Joints without a servo always are, and those with a gap, even if the fit logs are
+    followed without. Joints that lost commands are left out: which ones, is chance.
 
     Args:
         judge: of a robot held in the air, with its causes accepted.
@@ -38,7 +40,10 @@ def drawn_errors(
     case, base = judge.case, judge.case.base
     lost = {k for claim in judge.accepted for k in claim.lost or {}}
     free = {joint.index: 0.0 for joint in case.joints if not joint.servoed}
-    wanted = {k: rate for k, rate in (free | case.pulled).items() if k not in lost}
+    parted = {k: BOUNCING for claim in judge.accepted
+              if claim.hypothesis.cause == GAP for k in claim.fits}  # fmt: skip
+    rates = free | case.pulled | parted
+    wanted = {k: rate for k, rate in rates.items() if k not in lost}
     if not (wanted and isinstance(base, Held)):
         return {}
     runs = list(unseen)

@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from gatjax.diagnosis import drops, plant
+from gatjax.diagnosis import drops
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, TOLERANCES, numbers
@@ -83,8 +83,6 @@ def world_values(judge: Judge, claim: Claim) -> dict[str, float]:
         return values | {"heat": float(max(heat, 1e-12))}
     if cause == "supply_sag":
         return values | {"total": judge.case.supply}
-    if cause == "joint_elasticity":
-        return values | {"damping_ratio": plant.DAMPING_RATIO}
     if cause in OWN and min(values.values()) < 0.0:
         owners = [judge.joints[k] for k in claim.where]
         most = min(_own(judge.case.model, OWN[cause], joint) for joint in owners)

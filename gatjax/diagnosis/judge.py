@@ -28,7 +28,7 @@ from gatjax.diagnosis.claims import (
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined, pinned
 from gatjax.diagnosis.joint import OBSERVED, Joint
-from gatjax.diagnosis.known import ASTRAY, Known, astray
+from gatjax.diagnosis.known import ASTRAY, PARTED, Known, astray
 
 NOISY = 1.7  # times the noise that the best cause leaves: commands may be lost
 STRAYING = 0.3  # of the residual before, that it leaves at least
@@ -115,7 +115,8 @@ class Judge(Known):
         known, best = self.known[index].rms(), self._best(index)
         noise = self.joints[index].noise
         limit = astray(self.joints[index], best) if known > ASTRAY * noise else ASTRAY
-        missed = best.rms() > max(limit * noise, STRAYING * known)
+        least = 0.0 if limit == PARTED else STRAYING * known
+        missed = best.rms() > max(limit * noise, least)
         drawn = 0.0 if self.joints[index].servoed else OBSERVED
         return missed and self.case.pulled.get(index, drawn) < rate
 

@@ -47,6 +47,7 @@ class Drive(NamedTuple):
     soft: Array  # 1/(N m): a torque falls short by that share of itself
     width: Array  # rad, play (geared plant only)
     stiffness: Array  # N m/rad (geared plant only)
+    ratio: Array  # of damping, of that spring and of teeth (geared plant only)
     sensed: Array  # 1: encoder on the motor, 0: on the link (geared plant only)
     link_share: Array  # of damping and dry friction, behind the gear (geared only)
     behind: Array  # share of the armature that is behind the gear (geared only)

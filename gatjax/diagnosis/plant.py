@@ -16,7 +16,6 @@ from gatjax.diagnosis.laws import Drive, Grid, Servo
 from gatjax.sim.derived import LIGHT
 
 Array = Any
-DAMPING_RATIO = 0.2  # of the gear's spring against the two inertias
 
 
 class Rigid(NamedTuple):
@@ -126,7 +125,11 @@ def rigid_step(p: Drive, g: Grid, u: Array, aim: Array, s: Rigid, h: float) -> R
 
 
 def geared_step(p: Drive, g: Grid, u: Array, aim: Array, s: Geared, h: float) -> Geared:
-    """One step of motor, gap with spring, and link; teeth push, they never pull."""
+    """One step of motor, gap with spring, and link; teeth push, they never pull.
+
+    The spring is implicit only where it swings too fast for the step: what that takes
+    of the motion counts as damping, else teeth bounce less than they are told to.
+    """
     p = laws.damped(p, s.turning)
     near, far = laws.rubbing(p, 1.0 - p.link_share), laws.rubbing(p, p.link_share)
     seen = s.seen(p) + p.zero_in
@@ -137,10 +140,12 @@ def geared_step(p: Drive, g: Grid, u: Array, aim: Array, s: Geared, h: float) ->
     inertia = inertia + p.behind * p.armature
     beyond = _beyond(s.turned - s.q, 0.5 * p.width)
     reduced = rotor * inertia / (rotor + inertia)
-    loss = 2.0 * DAMPING_RATIO * jnp.sqrt(p.stiffness * reduced)
+    loss = 2.0 * p.ratio * jnp.sqrt(p.stiffness * reduced)
     pushes = (p.stiffness * beyond + loss * (s.turning - s.v)) * beyond > 0.0
     beyond = jnp.where(pushes | (p.width == 0.0), beyond, 0.0)
-    tie = jnp.where(beyond != 0.0, h * (h * p.stiffness + loss), 0.0)
+    swift = jnp.clip(h * jnp.sqrt(p.stiffness / reduced) - 1.0, 0.0, 1.0)
+    grip = jnp.maximum(swift * h * p.stiffness, loss)
+    tie = jnp.where(beyond != 0.0, h * grip, 0.0)
     spring = h * p.stiffness * beyond
     low = inertia + tie + h * far.damping
     onto = inertia * s.v + spring + h * torque

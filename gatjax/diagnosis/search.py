@@ -7,6 +7,7 @@ from collections import Counter
 import numpy as np
 
 from gatjax.diagnosis import fit as fits
+from gatjax.diagnosis import shaken
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined, information
 from gatjax.diagnosis.joint import Joint
@@ -18,7 +19,7 @@ PROPOSED = ((60, 3, 1), (24, 2, 2), (12, 1, 3))  # fits, a law, and iterations, 
 RIVALS = 8  # fits that are returned; those that were dropped are not at their best
 SURE, BEHIND = 2, 40.0  # iterations until fits so many nats behind are dropped
 PROMISING = 2.0  # nats: less is nothing
-SHAKEN, TRIES = 2, 96  # fits that are restarted, and from how many neighbours
+SHAKEN = 2  # of the best fits, which are searched for anew if they are rough
 FEW = 20  # starts at most of a cause that tolerances may imitate
 ROUGH = 1.6  # times the noise: a fit that leaves more may be in a bad place
 ZOOMS, RUNGS = 3, 31  # rounds of zooming in, and points of each
@@ -233,19 +234,16 @@ def _started(
 
 
 def _shaken(joint: Joint, found: list[Fit]) -> list[Fit]:
-    """Fits restarted from random neighbours, where stick and slip defeat gradients."""
-    rough = [f for f in found[:SHAKEN] if f.rms() > ROUGH * joint.noise]
-    draw = np.random.default_rng(joint.index)
-    for fit in rough:
-        low, high = fits.bounds(fit.hypothesis)
-        width = np.where(np.arange(len(low)) < COUNT, 0.6, 0.08 * (high - low))
-        points = fit.x + width * draw.normal(size=(TRIES, len(low)))
-        tries = fits.start(
-            joint, [(fit.hypothesis, x) for x in np.clip(points, low, high)]
-        )
-        best = sorted(tries, key=lambda one: one.cost)[:2]
-        found = found + fits.improve(joint, best, 4)
-    return found
+    """Rough fits, searched for anew where stick, slip and bounces defeat gradients.
+
+    Where even the best one is rough, all those with a gear are.
+    """
+    rough = [fit.rms() > ROUGH * joint.noise for fit in found]
+    better = [
+        shaken.found(joint, fit) for n, fit in enumerate(found)
+        if rough[n] and (n < SHAKEN or (rough[0] and fit.geared))
+    ]  # fmt: skip
+    return found + fits.improve(joint, better, 4)
 
 
 def _unsuspicious(joint: Joint, base: Fit, gains: list[float]) -> bool:

@@ -33,7 +33,7 @@ ADDING = frozenset({
 
 _SHARES = {
     "sensed": "encoder_on_motor", "link_share": "link_share",
-    "behind": "armature_share",
+    "behind": "armature_share", "ratio": "damping_ratio",
 }  # fmt: skip
 NUMBERS = {
     "command_delay": {"delay": "delay"},

@@ -109,9 +109,11 @@ CATALOGUE = {
         "what reaches the link", "BAM: 7 to 31 %",
     ),
     "backlash": Cause(
-        (P("width", "rad", 0.0, 0.25), *_GEAR), 0.0,
+        (P("width", "rad", 0.0, 0.25), P("damping_ratio", "1", 0.0, 2.0, 0.3), *_GEAR),
+        0.0,
         (Part("gear", None,
-              ("width", "encoder_on_motor", "link_share", "armature_share")),),
+              ("width", "damping_ratio", "encoder_on_motor", "link_share",
+               "armature_share")),),
         "motor and link are two inertias with a gap of this total width between them",
         "B-Human joint play: 1.0-1.4 deg; Dynamixel e-manual: 0.25 deg",
     ),

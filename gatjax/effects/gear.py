@@ -18,7 +18,6 @@ from gatjax.xp import namespace_of
 
 Array = Any
 GIVE = 0.003  # rad, that teeth in contact give way at the torque limit
-RING = 0.3  # damping ratio of teeth in contact
 HARD = 50.0  # reduced inertias per squared step: teeth of a motor without a limit
 
 
@@ -27,7 +26,7 @@ class Gear(NamedTuple):
 
     width: Array  # rad, total play
     stiffness: Array  # N m/rad
-    damping_ratio: Array  # of the spring against the two inertias
+    damping_ratio: Array  # of the spring, or of the teeth, against the two inertias
     link_share: Array  # share of damping and dry friction that is behind the gear
     armature_share: Array  # share of the armature that is behind the gear
     encoder_on_motor: Array  # 1: servo and log see the motor's angle; 0: the link's
@@ -173,7 +172,8 @@ def _touched(
 
     ahead = twist + period * slip(side.push, side.resist)
     edge = 0.5 * gear.width * xp.sign(ahead)
-    hard, grip = stiffness * (twist - edge), stiffness * period + damping
+    grip = xp.maximum(stiffness * period, damping)  # an implicit spring damps, too
+    hard = stiffness * (twist - edge)
     push = side.push - hard + grip * drive.velocity
     torque = hard + grip * slip(push, side.resist + grip)
     touching = (torque * edge > 0.0) & (xp.abs(ahead) > 0.5 * gear.width)
@@ -189,5 +189,4 @@ def _contact(xp: Any, gear: Gear, servo: Servo, period: float) -> tuple[Array, A
     )
     spring = xp.isfinite(gear.stiffness)
     stiffness = xp.where(spring, gear.stiffness, teeth)
-    ratio = xp.where(spring, gear.damping_ratio, RING)
-    return stiffness, 2.0 * ratio * xp.sqrt(stiffness * reduced)
+    return stiffness, 2.0 * gear.damping_ratio * xp.sqrt(stiffness * reduced)
