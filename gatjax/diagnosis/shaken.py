@@ -18,7 +18,7 @@ from gatjax.diagnosis.hypotheses import COUNT
 from gatjax.diagnosis.joint import Joint
 from gatjax.settings import SearchSettings
 
-SETTINGS = SearchSettings(population=48, generations=60, sigma=1.0)
+SETTINGS = SearchSettings(population=48, generations=120, sigma=1.0)
 WIDTH = 0.15  # of a coordinate's range: a step of the search
 
 
