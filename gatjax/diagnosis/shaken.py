@@ -31,16 +31,20 @@ def found(joint: Joint, fit: Fit) -> Fit:
     """
     low, high = fits.bounds(fit.hypothesis)
     tolerances = np.arange(len(low)) < COUNT
-    first = np.where(tolerances, 0.0, fit.x)
+    mean = np.clip(np.where(tolerances, 0.0, fit.x), low, high)
     step = np.where(tolerances, 1.0, WIDTH * (high - low))
     key = jax.random.key(joint.index)
-    state = search.start(search.Space(first, step, low, high), SETTINGS, key)
-    best = fit
+    state = search.start(search.Space(mean, step, low, high), SETTINGS, key)
+    best = fit.cost, fit.x
     for number in range(SETTINGS.generations):
         asked = search.ask(state, jax.random.fold_in(key, number))
         points = [(fit.hypothesis, x) for x in np.asarray(asked.policies, float)]
-        tried = fits.start(joint, points)
-        costs = jnp.asarray([one.cost for one in tried])
-        state, _ = search.tell(state, asked, costs)
-        best = min([best, *tried], key=lambda one: one.cost)
-    return best
+        left = fits.residuals(joint, points).T
+        costs = [
+            fits.cost_of(joint, point, residual)
+            for point, residual in zip(points, left, strict=True)
+        ]
+        state, _ = search.tell(state, asked, jnp.asarray(costs))
+        least = int(np.argmin(costs))
+        best = min(best, (costs[least], points[least][1]), key=lambda one: one[0])
+    return fits.start(joint, [(fit.hypothesis, best[1])])[0]
