@@ -305,20 +305,23 @@ def host_generation(
     check(space)
     judge = judged(evaluate, checked(settings))
 
-    @jax.jit
-    def begin(state, number):
-        sampling, rolling = generation_keys(state.key, number, settings.rollouts)
-        return ask(state, sampling), rolling
-
-    end = jax.jit(tell)
-
     def run(state, values, number):
         _check_state(state, space, settings)
-        candidates, rolling = begin(state, number)
+        candidates, rolling = _begin(state, number, settings.rollouts)
         costs = judge(values, np.asarray(candidates.policies), rolling)
-        return end(state, candidates, costs)
+        return _end(state, candidates, costs)
 
     return run
+
+
+@functools.partial(jax.jit, static_argnames="rollouts")
+def _begin(state: SearchState, number: Any, rollouts: int) -> tuple[Candidates, Array]:
+    """The candidates and the keys of one generation, compiled once a size."""
+    sampling, rolling = generation_keys(state.key, number, rollouts)
+    return ask(state, sampling), rolling
+
+
+_end = jax.jit(tell)
 
 
 def _check_state(state: SearchState, space: Space, settings: SearchSettings) -> None:

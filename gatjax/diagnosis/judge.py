@@ -28,7 +28,7 @@ from gatjax.diagnosis.claims import (
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined, pinned
 from gatjax.diagnosis.joint import OBSERVED, Joint
-from gatjax.diagnosis.known import ASTRAY, PARTED, Known, astray
+from gatjax.diagnosis.known import ASTRAY, PARTED, Known, parted
 
 NOISY = 1.7  # times the noise that the best cause leaves: commands may be lost
 STRAYING = 0.3  # of the residual before, that it leaves at least
@@ -112,12 +112,13 @@ class Judge(Known):
 
     def _misses(self, index: int, rate: float) -> bool:
         """Whether a joint is drawn less, and even its best explanation goes astray."""
-        known, best = self.known[index].rms(), self._best(index)
-        noise = self.joints[index].noise
-        limit = astray(self.joints[index], best) if known > ASTRAY * noise else ASTRAY
-        least = 0.0 if limit == PARTED else STRAYING * known
-        missed = best.rms() > max(limit * noise, least)
-        drawn = 0.0 if self.joints[index].servoed else OBSERVED
+        joint, best = self.joints[index], self._best(index)
+        known = self.known[index].rms()
+        if known > ASTRAY * joint.noise and parted(joint, best):
+            missed = best.rms() > PARTED * joint.noise
+        else:
+            missed = best.rms() > max(ASTRAY * joint.noise, STRAYING * known)
+        drawn = 0.0 if joint.servoed else OBSERVED
         return missed and self.case.pulled.get(index, drawn) < rate
 
     def _leave_aside(self, joints: list[int]) -> list[int]:

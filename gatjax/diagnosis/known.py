@@ -32,10 +32,14 @@ PASSES = 6  # over the loads that a new claim makes, at most
 Mine = TypeVar("Mine", bound="Known")
 
 
+def parted(joint: Joint, fit: Fit) -> bool:
+    """Whether a gap is among the causes of a fit, or known of the joint before."""
+    return GAP in {part.cause for part, _ in fits.parts_of(fit)} | joint.assumed.named
+
+
 def astray(joint: Joint, fit: Fit) -> float:
     """Times the noise that a joint leaves which cannot be followed open loop."""
-    causes = {part.cause for part, _ in fits.parts_of(fit)} | joint.assumed.named
-    return PARTED if GAP in causes else ASTRAY
+    return PARTED if parted(joint, fit) else ASTRAY
 
 
 def changed(case: Case, claim: Claim, index: int, joint: Joint) -> Joint:

@@ -31,7 +31,7 @@ ADDING = frozenset({
 })  # fmt: skip
 """Causes that may be there twice: what is found besides adds up with what is known."""
 
-_SHARES = {
+_GEAR = {
     "sensed": "encoder_on_motor", "link_share": "link_share",
     "behind": "armature_share", "ratio": "damping_ratio",
 }  # fmt: skip
@@ -41,8 +41,8 @@ NUMBERS = {
     "first_order_lag": {"lag": "time_constant"},
     "stiction": {"stiction": "excess", "creep": "velocity"},
     "load_friction": {"loaded": "coefficient", "of_link": "of_link"},
-    "backlash": {"width": "width", **_SHARES},
-    "joint_elasticity": {"stiffness": "stiffness", **_SHARES},
+    "backlash": {"width": "width", **_GEAR},
+    "joint_elasticity": {"stiffness": "stiffness", **_GEAR},
     "dead_band": {"dead": "half_width"},
     "command_quantization": {"quantum": "step"},
     "torque_ripple": {
