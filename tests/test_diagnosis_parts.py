@@ -11,7 +11,7 @@ from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import bank, drops, motion, quantum
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.aliases import UPSIDE_DOWN
-from gatjax.diagnosis.assembly import TRANSPORT, noise_of
+from gatjax.diagnosis.assembly import TRANSPORT
 from gatjax.diagnosis.case import Case
 from gatjax.diagnosis.claims import PRICE, Claim, occam, shared_value, uncertainty
 from gatjax.diagnosis.fit import Fit
@@ -26,6 +26,7 @@ from gatjax.diagnosis.hypotheses import (
 from gatjax.diagnosis.joint import GRAVITY, STEP
 from gatjax.diagnosis.known import Known
 from gatjax.diagnosis.loads import tilted
+from gatjax.diagnosis.noise import noise_of
 from gatjax.effects.body import gravity_tilt
 from gatjax.effects.catalogue import CATALOGUE
 

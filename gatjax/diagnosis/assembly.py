@@ -10,7 +10,7 @@ import numpy as np
 
 from gatjax.data import sampling, starts, stops
 from gatjax.data.trajectories import JointRun
-from gatjax.diagnosis import laws
+from gatjax.diagnosis import laws, noise
 from gatjax.diagnosis import loads as weights
 from gatjax.diagnosis import motion as motions
 from gatjax.diagnosis.joint import (
@@ -90,25 +90,6 @@ def supply_load(
     return total
 
 
-def noise_of(runs: list[JointRun]) -> np.ndarray:
-    """Standard deviation of the readings of each joint [J], rad; the mean over runs.
-
-    Third differences of the calmest third of a run; a coarse encoder counts with its
-    rounding error, LSB / sqrt(12), also in a run in which the joint stands still.
-    """
-    levels, steps = [], []
-    for run in runs:
-        third = np.diff(run.angle, 3, axis=0) / np.sqrt(20.0)
-        count = len(third) // 20
-        calm = third[: count * 20].reshape(count, 20, -1)
-        levels.append(np.sqrt(np.quantile(np.square(calm).mean(1), 0.3, axis=0)))
-        seen = [np.diff(np.unique(np.round(angle, 9))) for angle in run.angle.T]
-        steps.append([apart.min() if len(apart) else np.inf for apart in seen])
-    lsb = np.min(steps, axis=0)
-    least = np.where(np.isfinite(lsb), lsb, 0.0) / np.sqrt(12.0)
-    return np.mean(np.maximum(levels, np.maximum(least, 1e-5)), axis=0)
-
-
 def build(
     model: mujoco.MjModel,
     tree: weights.Tree,
@@ -126,7 +107,7 @@ def build(
     time = motions.grid_time(runs, STEP)
     lead = int(np.sum(time < -0.5 * STEP))
     rows = max(len(run.time) for run in runs)
-    noise = np.hypot(noise_of(runs), [allowed.close(name) for name in names])
+    level = np.hypot(noise.of_joints(runs), [allowed.close(name) for name in names])
     supply = supply_load(model, tree, moved, loads)
     total = assumed[0].supply if assumed else None
     grids = _grids(runs, moved, loads, _share(supply, total))
@@ -160,7 +141,7 @@ def build(
         body = tree.body[index]
         mass, centre = float(model.body_mass[body]), model.body_ipos[body].copy()
         link = Link(mass, centre, tree.axis[index])
-        readings = at, seen, valid, float(noise[index])
+        readings = at, seen, valid, float(level[index])
         numbers = name, index, drive, grid, lead, *readings, allowed, link
         joints.append(Joint(*numbers, limited, more))
     return joints
@@ -188,6 +169,7 @@ def _grids(
         for run, told in zip(runs, held([run.command for run in runs]), strict=True)
     ]
     shares = held([run.stiff for run in runs])
+    readings = [motions.spread(time, r.time - r.time[0], r.angle) for r in runs]
     added = weights.shapes(loads)
 
     def series(columns: list[np.ndarray], points: np.ndarray = at) -> Any:
@@ -220,7 +202,7 @@ def _grids(
             target=own(targets, index),
             stiffness=own(shares, index),
             path=series([m.position[:, index] for m in moved]),
-            reading=series([m.reading[:, index] for m in moved]),
+            reading=own(readings, index),
             rest=series([l.nominal.rest[:, index] for l in loads]),
             pull=series([l.pull[:, index] for l in loads]),
             slope=series([l.nominal.slope[:, index] for l in loads]),

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gatjax.data.trajectories import JointRun
-from gatjax.diagnosis.case import Held, unfitted
+from gatjax.diagnosis.case import BOUNCING, Held, unfitted
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, TOLERANCES, numbers
 from gatjax.diagnosis.joint import Joint
@@ -20,7 +20,6 @@ from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.known import GAP
 from gatjax.diagnosis.measure import APART, BLOCK, Errors
 
-BOUNCING = 60.0  # 1/s, of a joint with a gap: slower, chance says where teeth meet
 SHAPES = np.array([name.startswith("term") for name in TOLERANCES])
 """Tolerances of load shapes, which other runs have others of."""
 

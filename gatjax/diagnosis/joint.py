@@ -87,14 +87,12 @@ class Joint(NamedTuple):
     def drawn(self, rate: float) -> Joint:
         """The same, drawn to its measured motion at a rate in 1/s; 0: not at all.
 
-        One without a servo always is, as fast as that: nothing else would keep two open
-        loops together.
+        One without a servo always is: nothing else would keep two open loops together.
         """
         kept = ("pull", "steer")
         free = {name: n for name, n in self.nominal.items() if name not in kept}
-        if not self.servoed:
-            return self._replace(nominal=free | observed(max(rate, OBSERVED)))
-        return self._replace(nominal=free | ({"pull": rate} if rate else {}))
+        rate = rate if self.servoed else max(rate, OBSERVED)
+        return self._replace(nominal=free | (observed(rate) if rate else {}))
 
     def without(self, runs: Sequence[int]) -> Joint:
         """The same; these runs do not count, and all others do."""

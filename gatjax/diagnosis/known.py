@@ -33,8 +33,8 @@ Mine = TypeVar("Mine", bound="Known")
 
 
 def parted(joint: Joint, fit: Fit) -> bool:
-    """Whether a gap is among the causes of a fit, or known of the joint before."""
-    return GAP in {part.cause for part, _ in fits.parts_of(fit)} | joint.assumed.named
+    """Whether a fit has motor and link apart, where teeth may bounce."""
+    return fit.geared or joint.assumed.geared
 
 
 def astray(joint: Joint, fit: Fit) -> float:

@@ -60,9 +60,9 @@ def borne_out(verdict: Verdict, seen: Seen, seed: int) -> Verdict:
     causes, unexplained = [], set(verdict.unexplained)
     for cause in verdict.causes:
         left = [_left(verdict, cause, pair) for pair in (seen.of, seen.over)]
-        asked = [share for share in left if share is not None]
-        if not asked or min(asked) < LEAVES:
-            causes.append(cause._replace(borne_out=True if asked else None))
+        right = any(share is not None and share < LEAVES for share in left)
+        if right or left[0] is None:
+            causes.append(cause._replace(borne_out=right or None))
             continue
         joints = set(cause.claim.fits)
         refuted = not any(_gains(seen, k, seed) for k in joints)

@@ -9,7 +9,6 @@ import mujoco
 import numpy as np
 
 from gatjax.data.trajectories import JointRun
-from gatjax.diagnosis.assembly import noise_of
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.floor import pushes, tolerances, weights
 from gatjax.diagnosis.floor.channels import TILT, Channels
@@ -21,6 +20,7 @@ from gatjax.diagnosis.joint import STEP, Joint
 from gatjax.diagnosis.loads import COARSE, Loads, Tree
 from gatjax.diagnosis.measure import fallen
 from gatjax.diagnosis.motion import FINE, Motion, grid_time, smoothed
+from gatjax.diagnosis.noise import noise_of
 from gatjax.diagnosis.tolerances import USUAL, Tolerances
 from gatjax.sim.world import World, dividing
 
