@@ -98,8 +98,7 @@ class Judge(Known):
             solved = {k for claim in lost for k in claim.fits}
         left = [k for k in missing if k not in solved]
         for rate in (*cases.PULLS, cases.BOUNCING):
-            rates = {k: self._rate(k, rate) for k in left if self._misses(k)}
-            self._pull({k: r for k, r in rates.items() if r > self._drawn(k)})
+            self._pull([k for k in left if self._misses(k, rate)], rate)
         found = self._single() + lost
         if len(self.joints) > 1:
             shared = [c for c in self._shared(found) if not outdone(c, found)]
@@ -111,24 +110,17 @@ class Judge(Known):
         partly = len(claim.where) < len(self.joints)
         return not (partly and claim.hypothesis.cause in WHOLE)
 
-    def _misses(self, index: int) -> bool:
-        """Whether even the best explanation of a joint goes astray."""
+    def _misses(self, index: int, rate: float) -> bool:
+        """Whether a joint is drawn less, and even its best explanation goes astray."""
         joint, best = self.joints[index], self._best(index)
         known = self.known[index].rms()
         if known > ASTRAY * joint.noise and parted(joint, best):
-            return best.rms() > PARTED * joint.noise
-        return best.rms() > max(ASTRAY * joint.noise, STRAYING * known)
-
-    def _rate(self, index: int, rate: float) -> float:
-        """How fast to draw a joint that goes astray, 1/s; teeth bounce faster."""
-        if parted(self.joints[index], self._best(index)):
-            return cases.BOUNCING
-        return min(rate, cases.PULLS[-1])
-
-    def _drawn(self, index: int) -> float:
-        """How fast a joint is drawn, 1/s."""
-        least = 0.0 if self.joints[index].servoed else OBSERVED
-        return self.case.pulled.get(index, least)
+            missed = best.rms() > PARTED * joint.noise
+        else:
+            missed = best.rms() > max(ASTRAY * joint.noise, STRAYING * known)
+            missed &= rate in cases.PULLS
+        least = 0.0 if joint.servoed else OBSERVED
+        return missed and self.case.pulled.get(index, least) < rate
 
     def _leave_aside(self, joints: list[int]) -> list[int]:
         """Look at joints again without pieces that nothing explains; those that had."""
@@ -146,11 +138,11 @@ class Judge(Known):
         every = [self.known[index], *self.found[index]]
         return min(every, key=lambda fit: fit.rms())
 
-    def _pull(self, rates: dict[int, float]) -> None:
-        """Look at joints again, drawn to their measured motion at rates in 1/s."""
-        self._draw(rates)
-        found = mapped(self.explained, rates, lambda share: self.tell("astray", share))
-        self.found |= dict(zip(rates, found, strict=True))
+    def _pull(self, joints: list[int], rate: float) -> None:
+        """Look at joints again, drawn to their measured motion at a rate in 1/s."""
+        self._draw(dict.fromkeys(joints, rate))
+        found = mapped(self.explained, joints, lambda share: self.tell("astray", share))
+        self.found |= dict(zip(joints, found, strict=True))
 
     def explained(self, index: int) -> list[Fit]:
         """Fits of the causes that explain a joint best, beside what is known."""
