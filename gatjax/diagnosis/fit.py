@@ -56,8 +56,13 @@ class Fit(NamedTuple):
 
 
 def spread(joint: Joint) -> float:
-    """Standard deviation by which a fit weighs residuals, rad."""
-    return INFLATION * joint.noise * float(np.sqrt(lasts(joint) / CORRELATED))
+    """Standard deviation by which a fit weighs residuals, rad.
+
+    Rows within CORRELATED count as one: of fast logs these are more than INFLATION^2.
+    """
+    least = INFLATION**2 * lasts(joint) / CORRELATED
+    alike = joint.valid.sum() / independent(joint)
+    return joint.noise * float(np.sqrt(max(least, alike)))
 
 
 def lasts(joint: Joint) -> float:

@@ -54,12 +54,15 @@ def _answer(joint: Joint, period: float) -> np.ndarray:
     """What one tick of 1 rad does to a linear servo, at the next ticks, rad."""
     drive = joint.nominal
     inertia = float(np.mean(joint.grid.inertia)) + drive["armature"]
-    resist, pull = drive["kv"] + drive["damping"], drive.get("pull", 0.0)
+    resist = drive["kv"] + drive["damping"]
+    pull, steer = drive.get("pull", 0.0), drive.get("steer", 0.0)
     h, q, v, out = STEP, 0.0, 0.0, []
     for k in range(round(MEMORY / h)):
         pulse = drive["delay"] <= k * h < drive["delay"] + period
         force = drive["kp"] * (pulse - q)
         v = (inertia * v + h * force) / (inertia + h * (resist + h * drive["kp"]))
-        q += h * (v - pull * q)
+        off = q
+        q += h * (v - pull * off)
+        v -= h * steer * off
         out.append(q)
     return np.interp(np.arange(0.0, MEMORY, period), np.arange(len(out)) * h, out)

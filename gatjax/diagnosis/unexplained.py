@@ -104,9 +104,9 @@ def _series(
         inertia = np.interp(time, motion.time, load.nominal.inertia[:, joint.index])
         stiff = run.stiff[:, joint.index]
         damping = drive["kv"] * (stiff > 0.0) + drive["damping"]
-        spring = drive["kp"] * stiff
-        if not joint.servoed:  # what draws it to the measured motion is its servo
-            spring = inertia * drive["steer"] + damping * drive["pull"]
+        spring = drive["kp"] * drive["hold"] * stiff
+        if "pull" in drive:  # what draws it to the measured motion holds it as well
+            spring = spring + inertia * drive["steer"] + damping * drive["pull"]
             damping = damping + inertia * drive["pull"]
         torque.append(
             inertia * found.acceleration[:, 0]
