@@ -146,13 +146,17 @@ def test_rough_fits_are_searched_for_anew_if_they_are_best_or_have_a_gear(
     elbow, asked = joint(wave), []
     found = [fit("a", 2.0), fit("b", 2.1), fit("calm", 1.2, True), fit("c", 3.0)]
     found += [fit("gear", 4.0, True)]
+    gone = [fit("lost", 5.0), fit("teeth", 6.0, True), found[-1]]
     monkeypatch.setattr(
         shaken, "found", lambda _, one: asked.append(one.hypothesis.cause) or one
     )
-    assert len(search._shaken(elbow, found)) == len(found) + len(asked)
+    assert len(search._shaken(elbow, found, gone)) == len(found) + len(asked)
     assert asked == ["a", "b", "gear"]
     asked.clear()
-    search._shaken(elbow, [fit("calm", 1.2), *found])
+    search._shaken(elbow, [fit("spring", 1.9, True), *found], gone)
+    assert asked == ["spring", "a", "gear", "teeth"]
+    asked.clear()
+    search._shaken(elbow, [fit("calm", 1.2), *found], gone)
     assert asked == ["a"]
 
 

@@ -158,11 +158,25 @@ def geared_step(p: Drive, g: Grid, u: Array, aim: Array, s: Geared, h: float) ->
     through = (spring + tie * (turning - v)) / h
     carried = through + (1.0 - p.of_link) * (done - through)
     memory = laws.warmed(p, g, memory, done, h)
-    off = aim - s.seen(p)
-    turned = s.turned + h * (turning + p.pull * off)
-    q = s.q + h * (v + p.pull * off)
-    turning, v = (speed + h * p.steer * off for speed in (turning, v))
+    drawn = _drawn(p, aim - s.seen(p), (beyond != 0.0) | (p.width == 0.0))
+    turned, q = (
+        at + h * (speed + p.pull * off)
+        for at, speed, off in zip((s.turned, s.q), (turning, v), drawn, strict=True)
+    )
+    turning, v = (
+        speed + h * p.steer * off
+        for speed, off in zip((turning, v), drawn, strict=True)
+    )
     return Geared(q, v, turned, turning, carried, bristle, link_bristle, memory)
+
+
+def _drawn(p: Drive, off: Array, touching: Array) -> tuple[Array, Array]:
+    """How far motor and link are drawn: what no encoder sees, only in touch, rad.
+
+    In flight they part: what moves one of them says nothing of the other.
+    """
+    felt = jnp.where(touching, 1.0, 0.0)
+    return jnp.maximum(felt, p.sensed) * off, jnp.maximum(felt, 1.0 - p.sensed) * off
 
 
 def advanced(p: Drive, g: Grid, u: Array, aim: Array, s: Any, h: float) -> Any:

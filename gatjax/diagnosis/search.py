@@ -197,7 +197,7 @@ def explain(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
         near = [gain > least for gain in gains]
         dropped += [f for f, kept_on in zip(found, near, strict=True) if not kept_on]
         found = [f for f, kept_on in zip(found, near, strict=True) if kept_on]
-    found = _shaken(joint, _best(found, len(found)))
+    found = _shaken(joint, _best(found, len(found)), dropped)
     return _best(found + dropped, RIVALS)
 
 
@@ -233,16 +233,22 @@ def _started(
     return found + scan(joint, fresh, few), False
 
 
-def _shaken(joint: Joint, found: list[Fit]) -> list[Fit]:
+def _shaken(joint: Joint, found: list[Fit], dropped: list[Fit]) -> list[Fit]:
     """Rough fits, searched for anew where stick, slip and bounces defeat gradients.
 
-    Where even the best one is rough, all those with a gear are.
+    Where even the best one is rough, all those with a gear are; if it has one, those
+    that slopes dropped as well: of teeth that bounce these tell little.
     """
     rough = [fit.rms() > ROUGH * joint.noise for fit in found]
-    better = [
-        shaken.found(joint, fit) for n, fit in enumerate(found)
+    again = [
+        fit for n, fit in enumerate(found)
         if rough[n] and (n < SHAKEN or (rough[0] and fit.geared))
     ]  # fmt: skip
+    if rough[0] and found[0].geared:
+        every = _best(found + dropped, len(found + dropped))
+        known = {id(fit) for fit in found}
+        again += [fit for fit in every if fit.geared and id(fit) not in known]
+    better = [shaken.found(joint, fit) for fit in again]
     return found + fits.improve(joint, better, 4)
 
 
