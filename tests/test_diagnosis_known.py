@@ -17,6 +17,7 @@ from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT as TOLERANCES
 from gatjax.diagnosis.hypotheses import Hypothesis
+from gatjax.diagnosis.joint import GEARS
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.known import ODD, Known
 
@@ -154,6 +155,7 @@ class Rough(Judge):
     def __init__(self, cause, left):
         elbow, none = joint(wave), np.zeros(TOLERANCES)
         law = Hypothesis(cause, "", lambda *_: None, (), (), (), (), lambda *_: {})
+        law = law._replace(geared=cause in GEARS)
         known, best = (
             Fit(
                 hypothesis, none, 0.0, np.full(4, level * elbow.noise),
@@ -166,9 +168,13 @@ class Rough(Judge):
 
 
 @pytest.mark.parametrize(("cause", "left", "drawn"), [
-    ("backlash", 1.5, False), ("backlash", 2.0, True),
+    ("backlash", 1.5, False), ("backlash", 2.0, True), ("joint_elasticity", 2.0, True),
     ("stiction", 2.0, False), ("stiction", 3.4, False), ("stiction", 3.6, True),
 ])  # fmt: skip
 def test_a_joint_is_drawn_where_its_best_cause_leaves_much(cause, left, drawn):
-    """Of a gap less is much, however well it explains the rest: teeth part any runs."""
+    """Of a gear less is much, however well it explains the rest: teeth part any runs.
+
+    So fast that only teeth can need it, none without a gear is.
+    """
     assert Rough(cause, left)._misses(0, 10.0) == drawn
+    assert Rough(cause, left)._misses(0, cases.BOUNCING) == (drawn and cause in GEARS)

@@ -8,7 +8,7 @@ import pytest
 from test_diagnosis_plant import joint, wave
 
 from gatjax.data.trajectories import JointRun
-from gatjax.diagnosis import bank, drops, motion, quantum
+from gatjax.diagnosis import bank, drops, motion, noise, quantum
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.aliases import UPSIDE_DOWN
 from gatjax.diagnosis.assembly import TRANSPORT
@@ -26,7 +26,6 @@ from gatjax.diagnosis.hypotheses import (
 from gatjax.diagnosis.joint import GRAVITY, STEP
 from gatjax.diagnosis.known import Known
 from gatjax.diagnosis.loads import tilted
-from gatjax.diagnosis.noise import noise_of
 from gatjax.effects.body import gravity_tilt
 from gatjax.effects.catalogue import CATALOGUE
 
@@ -87,8 +86,43 @@ def test_a_joint_at_rest_has_the_rounding_error_of_its_encoder():
     angle = step * np.round(0.3 * np.sin(2.0 * time) / step)[:, None]
     moving = JointRun(0, time, angle, angle)
     resting = moving._replace(angle=np.zeros_like(angle))
-    assert noise_of([moving, resting])[0] > 0.99 * step / np.sqrt(12.0)
-    assert noise_of([resting])[0] == 1e-5  # nothing tells its encoder
+    assert noise.noise_of([moving, resting])[0] > 0.99 * step / np.sqrt(12.0)
+    assert noise.noise_of([resting])[0] == 1e-5  # nothing tells its encoder
+
+
+@pytest.mark.parametrize(("neighbours", "expected"), [(2, 7e-4), (0, None)])
+def test_a_joint_that_hunts_has_the_noise_of_those_that_do_not(neighbours, expected):
+    rng, time = np.random.default_rng(0), 0.01 * np.arange(1000)
+    bounces = 0.15 * np.abs((9.3 * time) % 1.0 - 0.5)  # between teeth, 9 Hz
+    calm = 0.3 * np.sin(2.0 * time)
+    angle = np.stack([bounces + calm, *[calm] * neighbours], -1)
+    angle += 7e-4 * rng.normal(size=angle.shape)
+    found = noise.of_joints([JointRun(0, time, angle, angle)])
+    assert noise.noise_of([JointRun(0, time, angle, angle)])[0] > 1.5e-3
+    assert found[0] == pytest.approx(expected or found[0], rel=0.2)
+    assert expected or found[0] > 1.5e-3  # nobody to ask
+
+
+def test_a_joint_of_a_noisier_encoder_keeps_its_noise():
+    rng, time = np.random.default_rng(0), 0.01 * np.arange(1000)
+    steps = 0.3 * np.sign(np.sin(2.0 * time))
+    swings = np.exp(-8.0 * (time % 1.57)) * np.sin(60.0 * time)  # rings after a step
+    angle = np.stack([steps + 0.5 * swings, steps, steps], -1)
+    angle += np.array([3e-3, 7e-4, 7e-4]) * rng.normal(size=angle.shape)
+    found = noise.of_joints([JointRun(0, time, angle, angle)])
+    assert found[0] > 2.5e-3
+
+
+def test_rows_of_a_fast_log_within_a_tenth_of_a_second_count_as_one():
+    one = joint(wave)
+    fast = one._replace(
+        time=np.arange(0.0, 2.5, 0.002)[None], valid=np.ones((1, 1250), bool)
+    )
+    usual = fits.INFLATION * one.noise
+    assert fits.spread(one) == pytest.approx(np.sqrt(10.0) * one.noise)
+    assert fits.spread(fast) == pytest.approx(np.sqrt(50.0) * one.noise)
+    slow = one._replace(time=5.0 * one.time)
+    assert fits.spread(slow) == pytest.approx(usual)
 
 
 def test_gravity_of_a_tilted_mounting():
@@ -168,6 +202,17 @@ def test_the_step_of_a_rounded_target_is_read_from_what_it_leaves():
     noisy = bare._replace(measured=angle + rng.normal(0.0, 7e-4, (1, 250)))
     left = fits.residuals(noisy, [(None, np.zeros(COUNT))])[:, 0]
     assert quantum.steps(noisy, left)[0] == pytest.approx(0.0371, rel=2e-3)
+
+
+@pytest.mark.parametrize("rate", [0.0, 30.0])
+def test_what_a_tick_does_to_a_servo_is_what_its_simulation_says(rate):
+    bare, tick = joint(wave), 0.01
+    here = np.asarray(bare.grid.clock)[:, 0]
+    pulse = (0.1 * ((here >= 0.0) & (here < tick)))[:, None].astype(np.float32)
+    one = bare._replace(grid=bare.grid._replace(target=pulse)).drawn(rate)
+    simulated = one.simulate([{}], False)[0, :35, 0] / 0.1
+    answer = quantum._answer(one, tick)
+    assert np.abs(answer - simulated).max() < 0.12 * np.abs(simulated).max()
 
 
 def test_a_pattern_of_losses_costs_the_entropy_of_its_share():

@@ -261,6 +261,26 @@ def test_a_pulled_joint_follows_what_was_measured():
     assert np.abs(drawn).max() < 0.1 * np.abs(astray).max()
 
 
+def test_drawing_tells_gaps_apart_though_teeth_bounce():
+    """A servo that hunts across a gap: drawn, the right one stays with its readings."""
+
+    def to_and_fro(t):
+        return 0.3 * np.sign(np.sin(2.0 * np.pi * 0.7 * t)) if t > 0.0 else 0.0
+
+    one = joint(to_and_fro, rest=0.1, inertia=0.003)
+    light = {"kp": 42.0, "kv": 0.4, "damping": 0.9, "armature": 0.009, "friction": 0.07}
+    one = one._replace(nominal=NOMINAL | light)
+    gap = {"width": 0.12, "behind": 0.15}
+    read = one.simulate([gap], True)[..., 0]
+    read += one.noise * np.random.default_rng(0).normal(size=read.shape)
+    clock = np.asarray(one.grid.clock)[:, 0]
+    aim = np.interp(clock, one.time[0], read[0])[:, None].astype(np.float32)
+    one = one._replace(measured=read, grid=one.grid._replace(reading=aim)).drawn(30.0)
+    left = one.residual([gap, gap | {"width": 0.06}], True)
+    right, wrong = np.sqrt(np.mean(np.square(left), 0)) / one.noise
+    assert right < 4.0 and wrong > 12.0
+
+
 def test_a_drawn_joint_reads_as_measured_whatever_its_encoder_and_its_clock_do():
     one = joint(lambda t: 0.0)
     clock = np.asarray(one.grid.clock)[:, 0]

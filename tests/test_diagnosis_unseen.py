@@ -70,6 +70,14 @@ def test_of_a_joint_that_is_drawn_what_it_leaves_while_drawn_counts(after, expec
     assert found.verdict == expected
 
 
+def test_whole_logs_do_not_refute_a_drawn_joint_that_shows_nothing_while_drawn():
+    """Teeth that bounce: chance decides whole logs, whatever the law."""
+    before, worse = errors(10.0 * NOISE, NOISE), errors(20.0 * NOISE, NOISE)
+    drawn = {0: (errors(1.8 * NOISE), errors(1.5 * NOISE))}
+    found = judged(told("backlash"), before, worse, None, drawn)
+    assert found.verdict == "named" and found.causes[0].borne_out is None
+
+
 def test_lost_commands_predict_nothing_of_another_motion():
     worse = errors(20.0 * NOISE, 20.0 * NOISE)
     verdict = judged(told("dropped_commands"), errors(10.0 * NOISE, NOISE), worse)

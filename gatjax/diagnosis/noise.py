@@ -8,9 +8,11 @@ from gatjax.data.trajectories import JointRun
 
 SPREAD = np.sqrt(20.0)  # of third differences of white noise, in its deviations
 WHITE = 0.25  # correlation of third differences that reading noise does not reach
+CHANCE = 5.0  # deviations: nor this, of few rows
 APART = 4  # rows: third differences of white noise are uncorrelated from here on
 PERIOD = 0.25  # s, of the slowest oscillation that is looked for
-MOST = 2.0  # deviations: what is more is a motion, and counts as that
+BLOCK = 20  # rows that are calm or not
+CALM = 0.7  # share of them that is taken for calm
 
 
 def of_joints(runs: list[JointRun]) -> np.ndarray:
@@ -20,7 +22,7 @@ def of_joints(runs: list[JointRun]) -> np.ndarray:
     third differences tell its motion: it has the middle noise of those that do not.
     """
     own = noise_of(runs)
-    hunts = np.mean([_correlation(run, own) for run in runs], axis=0) > WHITE
+    hunts = np.mean([_correlation(run) for run in runs], axis=0) > 1.0
     if hunts.all():
         return own
     least = np.maximum(_rounding(runs), np.median(own[~hunts]))
@@ -36,8 +38,8 @@ def noise_of(runs: list[JointRun]) -> np.ndarray:
     levels = []
     for run in runs:
         third = np.diff(run.angle, 3, axis=0) / SPREAD
-        count = len(third) // 20
-        calm = third[: count * 20].reshape(count, 20, -1)
+        count = len(third) // BLOCK
+        calm = third[: count * BLOCK].reshape(count, BLOCK, -1)
         levels.append(np.sqrt(np.quantile(np.square(calm).mean(1), 0.3, axis=0)))
     return np.mean(np.maximum(levels, np.maximum(_rounding(runs), 1e-5)), axis=0)
 
@@ -52,14 +54,28 @@ def _rounding(runs: list[JointRun]) -> np.ndarray:
     return np.where(np.isfinite(lsb), lsb, 0.0) / np.sqrt(12.0)
 
 
-def _correlation(run: JointRun, noise: np.ndarray) -> np.ndarray:
-    """Largest autocorrelation [J] of third differences, at lags up to a period."""
-    most = MOST * SPREAD * noise
-    third = np.clip(np.diff(run.angle, 3, axis=0), -most, most)
+def _correlation(run: JointRun) -> np.ndarray:
+    """Largest autocorrelation [J] of third differences where a run is calm.
+
+    In shares of what white noise does not reach.
+    """
+    third, calm = _calm(run)
     last = round(PERIOD / float(np.median(np.diff(run.time))))
-    power = np.maximum(np.square(third).sum(0), 1e-18)
-    found = np.zeros(len(noise))
+    found = np.zeros(third.shape[1])
     for lag in range(APART, min(last, len(third) - 1) + 1):
-        product = (third[lag:] * third[:-lag]).sum(0)
-        found = np.maximum(found, np.abs(product) / power)
+        pair = third[lag:], third[:-lag]
+        both = calm[lag:] & calm[:-lag]
+        first, second = (np.square(each * both).sum(0) for each in pair)
+        product = np.abs((pair[0] * pair[1] * both).sum(0))
+        share = product / np.sqrt(np.maximum(first * second, 1e-36))
+        chance = CHANCE / np.sqrt(np.maximum(both.sum(0), 1.0))
+        found = np.maximum(found, share / np.maximum(WHITE, chance))
     return found
+
+
+def _calm(run: JointRun) -> tuple[np.ndarray, np.ndarray]:
+    """Third differences [N, J] in whole blocks, and whether their block is calm."""
+    third = np.diff(run.angle, 3, axis=0)
+    third = third[: len(third) // BLOCK * BLOCK]
+    power = np.square(third).reshape(-1, BLOCK, third.shape[1]).mean(1)
+    return third, np.repeat(power <= np.quantile(power, CALM, axis=0), BLOCK, axis=0)
