@@ -105,9 +105,9 @@ def test_a_joint_that_hunts_has_the_noise_of_those_that_do_not(neighbours, expec
 
 def test_a_joint_of_a_noisier_encoder_keeps_its_noise():
     rng, time = np.random.default_rng(0), 0.01 * np.arange(1000)
-    steps = 0.3 * np.sign(np.sin(2.0 * time))
-    swings = np.exp(-8.0 * (time % 1.57)) * np.sin(60.0 * time)  # rings after a step
-    angle = np.stack([steps + 0.5 * swings, steps, steps], -1)
+    calm = 0.3 * np.sin(2.0 * time)
+    swings = np.exp(-8.0 * (time % 1.57)) * np.sin(60.0 * time)  # rings now and then
+    angle = np.stack([calm + 0.5 * swings, calm, calm], -1)
     angle += np.array([3e-3, 7e-4, 7e-4]) * rng.normal(size=angle.shape)
     found = noise.of_joints([JointRun(0, time, angle, angle)])
     assert found[0] > 2.5e-3
