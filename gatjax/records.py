@@ -88,24 +88,28 @@ class Servo(NamedTuple):
     damping: Array  # [..., J] N m s/rad, torque of the servo against the speed
     low: Array  # [..., J] N m, least torque of the servo
     high: Array  # [..., J] N m, largest torque of the servo
-    friction: Array  # [..., J] N m, dry friction of the joint
+    friction: Array  # [..., J] N m, dry friction of the joint, at the motor's speed
     viscous: Array  # [..., J] N m s/rad, damping of the joint
     rotor: Array  # [..., J] kg m^2, inertia of the motor seen at the joint
     link: Array  # [..., J] kg m^2, inertia that the joint feels beyond the gear
 
 
 class Drive(NamedTuple):
-    """What joint effects transform: `servo`, `load`, and nothing else."""
+    """What joint effects transform: `servo`, `load`, `apart`, and nothing else."""
 
     target: Array  # [..., J] rad, what the servo was told
     angle: Array  # [..., J] rad, joint position now
     velocity: Array  # [..., J] rad/s, joint velocity now
+    seen: Array  # [..., J] rad, what the servo's encoder sees, on motor or link
+    turned: Array  # [..., J] rad, of the motor: the joint's but for a gear between them
+    turning: Array  # [..., J] rad/s, speed of the motor
     servo: Servo  # as it is now
     load: Array  # [..., J] N m, torque on the joint beside the servo's
     torque: Array  # [..., J] N m, what the servo gave in the last step
     stiffness: Array  # [..., J] share of its gain that a log says it had; 0: no power
     geared: Array  # [..., J] 1: motor and link are apart, with a gear between
     handed: Array  # [..., J] N m, torque of that gear in the last step
+    apart: Array  # [..., J] N m, that friction at the link's speed, less `friction`
 
 
 class Sensed(NamedTuple):

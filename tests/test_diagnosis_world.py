@@ -61,6 +61,7 @@ OWN = {  # coordinates, where the bank's middle start does too little or too muc
     "backlash": (np.log(0.08), 0.3, 0.2, np.log(0.4)),
     "joint_elasticity": (np.log(1.0), 0.3, 0.2, np.log(0.2)),
 }
+WIDE = (np.log(0.2), 0.3, 0.2, np.log(0.4))  # of backlash
 LEAST = {"coulomb_friction less than nominal": 2e-3}  # of 0.045 N m in all
 SHARE = 0.08
 MORE = {
@@ -210,6 +211,28 @@ def test_load_friction_behind_a_gap_is_as_it_was_fitted(side, world, plain):
         told = simulated(judged(world, theirs), both, own)
     effect = rms(theirs - logged(worn))
     assert rms(told - theirs) < MORE[f"{rubs.cause} {rubs.variant}"] * effect
+
+
+@pytest.mark.parametrize("name", [
+    "load_friction of the servo's torque", "speed_limit motor", "stiction",
+    "thermal_derating", "torque_ripple", "torque_saturation",
+])  # fmt: skip
+def test_what_a_motor_does_in_its_gap_is_as_it_was_fitted(name, world, plain):
+    """Its servo, rubbing and ripple go by the motor's angle and speed."""
+    gap, law = NAMES["backlash encoder on motor"], NAMES[name]
+    more = OWN.get(law.cause, law.starts[len(law.starts) // 2])
+    both, own = combined(gap, law), (*WIDE, *more)
+    with jax.numpy_rank_promotion("allow"):
+        worn = add_cause(world, "backlash", ["servo"], translated(plain[1], gap, WIDE))
+        values = translated(plain[1], both, own)
+        other = add_cause(worn, law.cause, ["servo"], values)
+        angle, theirs = logged(worn), logged(other)
+        without = simulated(judged(world, angle), gap, WIDE)
+        told = simulated(judged(world, theirs), both, own)
+    effect = rms(theirs - angle)
+    left = min(rms(told - theirs), rms((told - without) - (theirs - angle)))
+    assert effect > LEAST.get(name, 4e-3)
+    assert left < SHARE * effect, left / effect
 
 
 def test_a_gap_predicts_another_motion_of_a_joint_that_is_drawn_to_it(world, plain):

@@ -17,7 +17,11 @@ def driven(pulled, speed=0.0):
         ROTOR * one, 0.0 * one,
     )  # fmt: skip
     none = 0.0 * one
-    return Drive(pulled, none, speed * one, servo, none, none, one, none, none)
+    return Drive(
+        target=pulled, angle=none, velocity=speed * one, seen=none, turned=none,
+        turning=speed * one, servo=servo, load=none, torque=none, stiffness=one,
+        geared=none, handed=none, apart=none,
+    )  # fmt: skip
 
 
 def against(coefficient, drive, before=0.0, of_link=1.0):

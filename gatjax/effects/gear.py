@@ -79,6 +79,11 @@ def encoder(gear: Gear, motion: Motion, angle: Array) -> Array:
     return xp.where(motor, angle + _twist(motion, angle), angle)
 
 
+def motor(motion: Motion, angle: Array, velocity: Array) -> tuple[Array, Array]:
+    """Angle rad and speed rad/s of the motors of joints at `angle`, `velocity`."""
+    return angle + _twist(motion, angle), motion.own + motion.taken * velocity
+
+
 def _twist(motion: Motion, angle: Array) -> Array:
     """Angle of the motor less that of a link which moved to `angle`, rad."""
     turned = motion.period * motion.own
@@ -106,7 +111,7 @@ def transmission(period: float) -> Effect:
         xp = namespace_of(drive.angle, gear.width, drive.target)
         servo, on = drive.servo, present(gear)
         twist = _twist(state, drive.angle)
-        side = _motor(xp, gear, drive, twist, state, period)
+        side = _motor(xp, gear, drive, period)
         hard, grip = _touched(xp, gear, drive, twist, side, period)
         free = side.push - hard + grip * drive.velocity
         rub = (1.0 - gear.link_share) * servo.friction
@@ -122,7 +127,8 @@ def transmission(period: float) -> Effect:
             period=period + 0.0 * twist, pull=side.pull,
             handed=xp.where(on, load, 0.0),
         )  # fmt: skip
-        friction = xp.where(on, gear.link_share * servo.friction, servo.friction)
+        behind = gear.link_share * (servo.friction + drive.apart)
+        friction = xp.where(on, behind, servo.friction)
         behind = gear.armature_share / (1.0 - gear.armature_share) * servo.rotor
         rotor = xp.where(on, behind + period * drag, servo.rotor)
         return state, drive._replace(
@@ -133,17 +139,13 @@ def transmission(period: float) -> Effect:
     return Effect(init, apply)
 
 
-def _motor(
-    xp: Any, gear: Gear, drive: Drive, twist: Array, state: Motion, period: float
-) -> Side:
+def _motor(xp: Any, gear: Gear, drive: Drive, period: float) -> Side:
     """Return the motor without the gear.
 
     Its servo sees the angle of motor or link; kv is the motor's own, as back EMF is.
     """
-    servo, inside = drive.servo, gear.encoder_on_motor > 0.5
-    speed = state.own + state.taken * drive.velocity
-    turned = drive.angle + xp.where(inside, twist, 0.0)
-    error = drive.target - servo.hold * turned
+    servo, speed = drive.servo, drive.turning
+    error = drive.target - servo.hold * drive.seen
     asked = servo.gain * error - servo.damping * speed
     pull = xp.clip(asked, servo.low, servo.high)
     able = pull == asked

@@ -3,7 +3,8 @@
 Each acts on a `Drive` once per physics step: it may change what the servo is now (its
 gain, its torque limits, the dry friction of its joint) and add a torque. What the servo
 pulls with follows from `pull`; the physics holds or brakes a joint with its friction,
-so that a joint which friction can hold stands still. Parameters are [J] arrays.
+so that a joint which friction can hold stands still. Angle and speed are the motor's,
+which are the joint's unless a gear lets them part. Parameters are [J] arrays.
 """
 
 from __future__ import annotations
@@ -23,11 +24,12 @@ WARM = 0.25  # share of the limit a motor bears for ever: Aldebaran's motor page
 def pull(drive: Drive) -> Array:
     """Torque of the servos now, [..., J] N m: kp error - kv velocity, in its limits.
 
-    A drive that does not hold a position has its command instead of the error.
+    A drive that does not hold a position has its command instead of the error. The
+    error is of the angle that the encoder sees; back EMF is the motor's.
     """
-    xp, servo = namespace_of(drive.angle, drive.target), drive.servo
-    error = drive.target - servo.hold * drive.angle
-    free = servo.gain * error - servo.damping * drive.velocity
+    xp, servo = namespace_of(drive.seen, drive.target), drive.servo
+    error = drive.target - servo.hold * drive.seen
+    free = servo.gain * error - servo.damping * drive.turning
     return xp.minimum(xp.maximum(free, servo.low), servo.high)
 
 
@@ -67,13 +69,17 @@ def stiffness() -> Effect:
 def stiction() -> Effect:
     """Friction near standstill; params: excess N m (0 is neutral), velocity rad/s.
 
-    Stribeck: friction grows by excess exp(-(v / velocity)^2).
+    Stribeck: friction grows by excess exp(-(v / velocity)^2). Of a link behind a gear
+    v is its own.
     """
 
     def change(params: dict[str, Array], drive: Drive) -> Drive:
         xp = namespace_of(drive.velocity, params["excess"])
-        slow = xp.exp(-((drive.velocity / params["velocity"]) ** 2))
-        return _rubbed(drive, params["excess"] * slow)
+        own, link = (
+            params["excess"] * xp.exp(-((speed / params["velocity"]) ** 2))
+            for speed in (drive.turning, drive.velocity)
+        )
+        return _rubbed(drive._replace(apart=drive.apart + link - own), own)
 
     return memoryless(change)
 
@@ -131,7 +137,7 @@ def one_way() -> Effect:
     """
 
     def change(params: dict[str, Array], drive: Drive) -> Drive:
-        torque, speed = params["torque"], drive.velocity
+        torque, speed = params["torque"], drive.turning
         xp = namespace_of(speed, torque)
         damping = xp.where(torque == 0.0, 0.0, params["viscous"])
         slowed = xp.abs(damping) * speed + damping * xp.abs(speed)
@@ -163,8 +169,8 @@ def ripple() -> Effect:
     """
 
     def change(params: dict[str, Array], drive: Drive) -> Drive:
-        xp = namespace_of(drive.angle, params["amplitude"])
-        wave = xp.sin(params["cycles"] * drive.angle + params["phase"])
+        xp = namespace_of(drive.turned, params["amplitude"])
+        wave = xp.sin(params["cycles"] * drive.turned + params["phase"])
         return drive._replace(load=drive.load + params["amplitude"] * wave)
 
     return memoryless(change)
@@ -175,14 +181,14 @@ def speed_line(period: float) -> Effect:
 
     torque <= stall (1 - v / limit) forwards, and the same backwards; stall is the
     torque limit of the servo. The line is not steeper than what stops the joint in one
-    step, so that a light joint does not chatter on it; that steep it is without a
-    torque limit.
+    step, or its motor where a gear lets them part, so that a light one does not chatter
+    on it; that steep it is without a torque limit.
     """
 
     def change(limit: Array, drive: Drive) -> Drive:
-        servo, velocity = drive.servo, drive.velocity
+        servo, velocity = drive.servo, drive.turning
         xp = namespace_of(velocity, limit)
-        most = (servo.rotor + servo.link) / period
+        most = (servo.rotor + (1.0 - drive.geared) * servo.link) / period
 
         def braked(stall: Array, speed: Array) -> Array:
             stall = xp.where(xp.isfinite(stall), stall, most * limit)
@@ -208,7 +214,7 @@ def current_limit() -> Effect:
     """
 
     def change(limit: Array, drive: Drive) -> Drive:
-        servo, driven = drive.servo, drive.servo.viscous * drive.velocity
+        servo, driven = drive.servo, drive.servo.viscous * drive.turning
         xp = namespace_of(driven, limit)
         high = xp.clip(limit + driven, servo.low, servo.high)
         low = xp.clip(-limit + driven, servo.low, servo.high)

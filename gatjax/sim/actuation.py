@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gatjax.effects.effect import Effect, chain
-from gatjax.effects.gear import encoder, present
+from gatjax.effects.gear import encoder, motor, present
 from gatjax.effects.joint import pull
 from gatjax.records import Drive, Signal
 from gatjax.robot.model import command_range
@@ -76,13 +76,10 @@ class Actuation(NamedTuple):
         )
         if not self.torques:
             return state._replace(motor=motor), Push(signal.target, None, None, None)
-        signal = signal._replace(angle=true)
+        seen, signal = signal.angle, signal._replace(angle=true)
         begin = self._drive(values, signal, state.torque, stiffness)
         if self.geared:
-            begin = begin._replace(
-                geared=present(values.joint[GEAR]) + begin.geared,
-                handed=state.joint[GEAR].handed,
-            )
+            begin = self._parted(values, state, begin._replace(seen=seen))
         joint, drive = self.joint.apply(values.joint, state.joint, begin)
         plain, torque = pull(begin), pull(drive)
         control, servo = _control(begin, plain, torque), drive.servo
@@ -97,6 +94,15 @@ class Actuation(NamedTuple):
             return angle
         return encoder(values.joint[GEAR], state.joint[GEAR], angle)
 
+    def _parted(self, values: Values, state: State, drive: Drive) -> Drive:
+        """Motors are where their gears let them be; the encoder's angle is known."""
+        motion = state.joint[GEAR]
+        turned, turning = motor(motion, drive.angle, drive.velocity)
+        return drive._replace(
+            turned=turned, turning=turning, handed=motion.handed,
+            geared=present(values.joint[GEAR]) + drive.geared,
+        )  # fmt: skip
+
     def _within(self, signal: Signal) -> Signal:
         xp = namespace_of(signal.target)
         return signal._replace(target=xp.clip(signal.target, self.low, self.high))
@@ -108,12 +114,16 @@ class Actuation(NamedTuple):
             target=signal.target,
             angle=signal.angle,
             velocity=signal.velocity,
+            seen=signal.angle,
+            turned=signal.angle,
+            turning=signal.velocity,
             servo=values.servo,
             load=0.0 * signal.velocity,
             torque=torque,
             stiffness=stiffness + 0.0 * signal.velocity,
             geared=0.0 * signal.velocity,
             handed=0.0 * signal.velocity,
+            apart=0.0 * signal.velocity,
         )
 
 
