@@ -73,6 +73,26 @@ def test_causes_of_a_world_are_taken_for_read_start(tmp_path):
     assert ratio == pytest.approx(0.8)
 
 
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_of_two_gears_the_later_one_says_what_both_have(order, tmp_path):
+    """As in the simulator, of which the motor feels just this much friction."""
+    share = {"encoder_on_motor": 1.0, "link_share": 0.8}
+    two = (("backlash", {"width": 0.02, "damping_ratio": 0.3}),
+           ("joint_elasticity", {"stiffness": 30.0, "damping_ratio": 0.1}))  # fmt: skip
+    rows = [(two[k][0], two[k][1] | share) for k in order]
+    world = written(tmp_path / "w.json", *rows, ("command_delay", DELAY),
+                    ("command_delay", DELAY))  # fmt: skip
+    (assumed,) = read_start(tmp_path / "w.json").joints(load(ARM))
+    gear = world.values.joint["gear"]
+    assert assumed.law(3.0) == {
+        "width": gear.width[0], "stiffness": gear.stiffness[0],
+        "ratio": gear.damping_ratio[0], "sensed": gear.encoder_on_motor[0],
+        "link_share": gear.link_share[0], "behind": gear.armature_share[0],
+        "delay": 0.06,
+    }  # fmt: skip
+    assert assumed.law(3.0)["ratio"] == rows[1][1]["damping_ratio"]
+
+
 def test_what_does_not_add_up_is_not_looked_for_again(tmp_path):
     world = written(tmp_path / "w.json", ("first_order_lag", LAG))
     start = read_start(tmp_path / "w.json")

@@ -6,7 +6,6 @@ causes become numbers of the simulated joints, in place of neutral ones.
 
 from __future__ import annotations
 
-from collections import Counter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -127,10 +126,12 @@ class Start(NamedTuple):
         own = [(row["cause"], causes.completed(row)) for row in rows]
 
         def law(limit: float) -> Numbers:
-            found: Counter[str] = Counter()
+            found: Numbers = {}
             for cause, values in own:
-                found.update(numbers(cause, values, limit))  # adds up
-            return dict(found)
+                told = numbers(cause, values, limit)
+                added = {name: found.get(name, 0.0) + told[name] for name in told}
+                found |= added if cause in ADDING else told  # as in the simulator
+            return found
 
         sags = [values["total"] for cause, values in own if cause == "supply_sag"]
         total = (0.5 * every if np.isnan(sags[0]) else sags[0]) if sags else None
