@@ -10,7 +10,7 @@ from gatjax.cli.arguments import Diagnose
 from gatjax.cli.diagnosis import read_given
 from gatjax.cli.found import gain_lines, named_lines, unseen_lines
 from gatjax.cli.parsing import parse
-from gatjax.data.recording import Recording, write_recording
+from gatjax.data.recording import Recording, read_recording, write_recording
 from gatjax.diagnosis.given import given as given_logs
 from gatjax.diagnosis.start import Start
 from gatjax.loop.staged import ENGINE, staged
@@ -68,6 +68,25 @@ def test_good_logs_are_taken(given, tmp_path):
     _, logs, _ = read_given(parse(["diagnose", *words]))
     assert [r.name for r in logs.fit + logs.held] == [fit, held]
     assert {row["file"] for row in logs.checks} == {fit, held}
+
+
+def test_trajectories_that_take_turns_have_a_rate_of_their_own(given, tmp_path):
+    """Rows of two, one after the other, beside a file of one."""
+    robot, plain, other = given
+    first, second = (read_recording(Path(each)) for each in (plain, other))
+    turns = np.argsort(np.tile(first.time, 2), kind="stable")
+    two = first._replace(
+        time=np.tile(first.time, 2)[turns],
+        trajectory=np.repeat([0, 1], len(first.time))[turns],
+        columns={name: np.append(values, second.columns[name])[turns]
+                 for name, values in first.columns.items()},
+    )  # fmt: skip
+    path = tmp_path / "turns.parquet"
+    write_recording(path, two)
+    more = log(tmp_path / "more.parquet", seed=7)
+    words = ["--model", robot, "--data", str(path), "--held-out", more, "--out", "x"]
+    _, logs, _ = read_given(parse(["diagnose", *words]))
+    assert np.unique(np.diff(logs.fit[0].time).round(6)).tolist() == [0.0, 0.01]
 
 
 def test_a_joint_that_was_not_logged_is_told(given, tmp_path, capsys):

@@ -64,6 +64,29 @@ def test_a_log_that_is_calm_but_for_a_moment_keeps_that_moment():
     assert np.ptp(cut.columns["position.a"]) > 1.5
 
 
+def test_pieces_of_trajectories_that_take_turns_are_those_of_each():
+    """Between two rows of a file the robot may be another one; no speed is in that."""
+    calm = log(400.0)
+    apart = np.where(calm.time > 250.0, 3.0, 0.0)  # where the other one stands
+    lively = np.where(
+        (calm.time > 50.0) & (calm.time < 53.0), np.sin(9.0 * calm.time), 0
+    )
+    columns = [{"position.a": lively}, {"position.a": apart}]
+    alone = [calm._replace(columns=each) for each in columns]
+    turns = np.argsort(np.tile(calm.time, 2), kind="stable")
+    both = calm._replace(
+        time=np.tile(calm.time, 2)[turns],
+        trajectory=np.repeat([0, 1], len(calm.time))[turns],
+        columns={"position.a": np.append(lively, apart)[turns]},
+    )
+    (cut,) = excerpt([both], 20)
+    first = excerpt(alone, 20)[0]
+    count = len(lasts(first))
+    assert np.ptp(first.columns["position.a"]) > 1.5
+    assert cut.time[cut.trajectory < count] == pytest.approx(first.time)
+    assert lasts(cut) == pytest.approx([PIECE] * 2 * count, abs=0.03)
+
+
 def test_of_many_short_runs_every_so_many_th_is_taken_whole():
     every = log(*[5.0] * 80)
     numbered = every._replace(columns={"position.a": 0.0 + every.trajectory})

@@ -161,13 +161,20 @@ def _check_files(verb: Diagnose, start: Sequence[Path]) -> None:
 
 def _check_rates(logs: Sequence[Recording]) -> None:
     """Refuse files of different rates: horizons and periods are those of all."""
-    periods = [(float(np.median(np.diff(log.time))), log.name) for log in logs]
+    periods = [(_period(log), log.name) for log in logs]
     (least, fast), (most, slow) = min(periods), max(periods)
     if most > SAME_RATE * least:
         raise ValueError(
             f"{slow} has a row every {1e3 * most:.1f} ms, {fast} every "
             f"{1e3 * least:.1f} ms; diagnose files of one rate together"
         )
+
+
+def _period(log: Recording) -> float:
+    """Median time from row to row of a trajectory, s; the file may mix several."""
+    runs = np.unique(log.trajectory)
+    steps = [np.diff(log.time[log.trajectory == run]) for run in runs]
+    return float(np.median(np.concatenate(steps)))
 
 
 def explain(verb: Diagnose, start: Start, logs: Logs, allowed: Tolerances) -> None:

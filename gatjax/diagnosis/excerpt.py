@@ -118,9 +118,15 @@ def _spread(
 
 
 def _moved(log: Recording) -> np.ndarray:
-    """Square of each step of each joint [N - 1, J], over its mean in the log."""
-    angles = [v for name, v in log.columns.items() if name.startswith("position.")]
-    squares = np.square(np.diff(np.stack(angles, 1), axis=0))
+    """Square of each joint's step to its next row [N, J], over its mean in the log.
+
+    That is the next row of its trajectory; none follows the last one, which has NaN.
+    """
+    names = [name for name in log.columns if name.startswith("position.")]
+    angles = np.stack([log.columns[name] for name in names], 1)
+    squares = np.full_like(angles, np.nan)
+    for rows in _runs(log):
+        squares[rows[:-1]] = np.square(np.diff(angles[rows], axis=0))
     return squares / (np.nanmean(squares, 0) + 1e-12)
 
 
