@@ -22,6 +22,7 @@ from gatjax.diagnosis.floor import (
     weights,
 )
 from gatjax.diagnosis.floor.channels import simulated
+from gatjax.diagnosis.floor.observed import binned
 from gatjax.diagnosis.given import Logs
 from gatjax.diagnosis.hypotheses import COUNT, numbers
 from gatjax.diagnosis.joint import STEP
@@ -93,6 +94,25 @@ NAMES = ("Neck", "LHip", "LAnkle", "RHip", "RAnkle")
 
 def silent(stage: str, share: float) -> None:
     """Nobody listens."""
+
+
+@pytest.mark.parametrize("stamps", [
+    np.delete(0.01 * np.arange(200), np.arange(101, 145)), 0.15 * np.arange(40),
+    0.1 * np.arange(40), 3.0 + 0.01 * np.arange(200),
+], ids=["gap", "slow", "even", "late"])  # fmt: skip
+def test_a_bin_has_rows(stamps: np.ndarray) -> None:
+    """What was measured and what was simulated have the same bins."""
+    run = JointRun(0, stamps, np.zeros((len(stamps), 1)), np.zeros((len(stamps), 1)))
+    measured, simulated = (
+        binned(run, each) for each in (stamps, np.stack([stamps] * 2))
+    )
+    assert np.isfinite(measured).all() and (np.diff(measured) > 0.0).all()
+    assert simulated == pytest.approx(np.stack([measured] * 2))
+    nearest = np.abs(stamps[:, None] - measured).argmin(1)
+    for number, mean in enumerate(measured):
+        rows = stamps[nearest == number]
+        assert len(rows) and np.ptp(rows) <= 0.1 + 1e-9
+        assert mean == pytest.approx(rows.mean(), abs=0.011)
 
 
 @pytest.fixture(scope="module")

@@ -49,10 +49,10 @@ class Weighed(NamedTuple):
 
 
 def binned(run: JointRun, series: np.ndarray) -> np.ndarray:
-    """Means [..., b] of series [..., N] over bins of CORRELATED seconds."""
+    """Means [..., b] of series [..., N] over bins of CORRELATED seconds with rows."""
     stamps = run.time - run.time[0]
     edges = np.arange(0.0, stamps[-1], CORRELATED)
-    first = np.searchsorted(stamps, edges)
+    first = np.unique(np.searchsorted(stamps, edges))  # a gap has no bins
     total = np.add.reduceat(series, first, axis=-1)
     return total / np.diff(np.append(first, len(stamps)))
 
