@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all."""
+"""Files, each of which is written whole or not at all."""
 
 from __future__ import annotations
 
@@ -19,16 +19,19 @@ def write_json(path: Path, tree: Mapping[str, Any]) -> None:
 
 
 def write_whole(files: Mapping[Path, bytes | Callable[[BinaryIO], None]]) -> None:
-    """Writes files beside their places and then renames them: all or none.
+    """Writes files beside their places and, once all are whole, renames them.
+
+    A full disk changes nothing. Places are taken one after the other, in order: a kill
+    in between, or a folder in the place of one, leaves new files beside old ones.
 
     Args:
         files: by path, their content, or what writes it into an open file.
 
     Raises:
-        OSError: one line; nothing was changed.
+        OSError: one line; nothing was changed, or which of them are new.
     """
     halves = {path.with_name(f".{path.name}.{os.getpid()}"): path for path in files}
-    target = next(iter(files))
+    target, new = next(iter(files)), list[str]()
     try:
         for half, target in halves.items():
             with open(half, "wb") as file:
@@ -41,9 +44,11 @@ def write_whole(files: Mapping[Path, bytes | Callable[[BinaryIO], None]]) -> Non
                 os.fsync(file.fileno())
         for half, target in halves.items():
             os.replace(half, target)
+            new.append(str(target))
     except OSError as error:
+        done = f"{', '.join(new)} is new already" if new else "nothing was changed"
         raise OSError(
-            f"{target}: cannot be written ({error.strerror}); nothing was changed, "
+            f"{target}: cannot be written ({error.strerror}); {done}, "
             f"free some space or choose another folder"
         ) from error
     finally:

@@ -19,6 +19,7 @@ from gatjax.runs import (
     resume_run,
     write_json,
     write_policy,
+    write_whole,
 )
 from gatjax.runs.folder import FOLDERS
 from gatjax.runs.tables import TABLES
@@ -382,3 +383,20 @@ def test_a_full_disk_leaves_the_old_table(tmp_path, monkeypatch):
     refusal(OSError, add_rows, path, [metrics_row(2)])
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_of_several_files_it_is_said_which_are_new_if_one_cannot_be_put(tmp_path):
+    """What is full or forbidden shows before the first; only a place that is taken."""
+    one, two, three = (tmp_path / name for name in ("one", "two", "three"))
+    two.mkdir()
+    one.write_text("old")
+    with pytest.raises(OSError, match="nothing was") as caught:
+        write_whole({two: b"new", one: b"new"})
+    assert one.read_text() == "old"
+    with pytest.raises(OSError) as caught:
+        write_whole({one: b"new", two: b"new", three: b"new"})
+    line = str(caught.value)
+    assert line.startswith(f"{two}: cannot be written (Is a directory); {one} is new")
+    assert "nothing was changed" not in line and "\n" not in line
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["one", "two"]
+    assert one.read_text() == "new"

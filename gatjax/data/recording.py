@@ -91,11 +91,12 @@ def read_recording(path: str | Path, mapping: ColumnMap | None = None) -> Record
 
 
 def write_recording(path: str | Path, recording: Recording) -> None:
-    """Writes a .parquet file, or a .csv file and its .json: whole or not at all.
+    """Writes a .parquet file, or a .csv file and its .json, each whole or not at all.
 
     Raises:
         ValueError: unknown file ending, or columns of different length.
-        OSError: one line; nothing was changed (the disk is full, say).
+        OSError: one line; nothing was changed (the disk is full, say), or only the
+            .json was, since a folder is in the place of the .csv file.
     """
     path = Path(path)
     lengths = {name: len(values) for name, values in recording.columns.items()}

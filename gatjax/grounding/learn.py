@@ -154,7 +154,7 @@ def largest_stable_alpha(
 
 
 def write_grounding(folder: Path, grounding: Grounding) -> None:
-    """Write grounder.json and weights.npz, both whole or none."""
+    """Write grounder.json and weights.npz, each whole, and none if the disk is full."""
     folder.mkdir(parents=True, exist_ok=True)
     leaves = jax.tree_util.tree_flatten_with_path(grounding.params)[0]
     arrays = {jax.tree_util.keystr(path): np.asarray(leaf) for path, leaf in leaves}
