@@ -8,12 +8,29 @@ import tyro
 
 ROBOT_LOG, SIMULATOR_LOG, EVALUATION, CONFIRMATION, EXPLANATION = 1, 2, 3, 4, 5
 """Purposes of walks and motions: each draws from random streams of its own."""
+LAST = 9_999  # seed: those after it have the walks of other purposes
 
 
 def seeds(purpose: int, seed: int, count: int) -> range:
-    """Seeds of `count` walks or motions; no two purposes and no two runs share one."""
+    """Seeds of `count` walks or motions, for a seed from 0 to LAST.
+
+    No two purposes and no two runs share one.
+    """
     first = purpose * 10**9 + seed * 10**5
     return range(first, first + count)
+
+
+def check_seed(name: str, seed: int) -> None:
+    """Refuse a seed that `seeds` is not for.
+
+    Raises:
+        ValueError: one line, with the name that the seed has there.
+    """
+    if not 0 <= seed <= LAST:
+        raise ValueError(
+            f"{name} is {seed}; use 0 to {LAST}: walks of any other seed are those "
+            f"of another purpose, or none"
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +90,7 @@ class LoopSettings:
     rate_hz: float = 50.0
     """Control rate: 50 (paper), 100 or 83.3."""
     seed: int = 0
-    """Seed of everything random."""
+    """Seed of everything random, 0 to 9999."""
     model: str = "light"
     """Search on a robot without the joints that the walk never moves, with longer
     physics steps and fewer solver iterations (light), or on the whole one (full), which

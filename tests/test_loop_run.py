@@ -11,7 +11,19 @@ from gatjax import loop, runs
 from gatjax.loop import stages
 from gatjax.loop.setting import Entry, Setting
 from gatjax.report import build_report
-from gatjax.settings import LoopSettings, SearchSettings
+from gatjax.settings import (
+    CONFIRMATION,
+    EVALUATION,
+    EXPLANATION,
+    LAST,
+    ROBOT_LOG,
+    SIMULATOR_LOG,
+    LoopSettings,
+    SearchSettings,
+)
+from gatjax.settings import (
+    seeds as seeds_of,
+)
 from gatjax.sim.world import add_cause, nominal
 from gatjax.walk.parameters import THETA0
 
@@ -354,6 +366,9 @@ def test_a_second_iteration_starts_from_the_best_walk(robot, tmp_path):
         ({"methods": ()}, "no methods given"),
         ({"search": SearchSettings(generations=0)}, "generations is 0; use 1 or more"),
         ({"evaluations": 0}, "evaluations is 0; use 1 or more"),
+        ({"seed": -1}, "seed is -1; use 0 to 9999"),
+        ({"seed": 10_000}, "seed is 10000; use 0 to 9999"),
+        ({"body_seed": -1}, "body_seed is -1; use 0 or more"),
         ({"robot_trajectories": 1}, "robot_trajectories is 1; use 4 or more"),
         ({"rate_hz": 60.0}, "rate 60.0 Hz is unknown; choose from"),
         ({"backend": "gpu"}, "backend 'gpu' is unknown; choose from"),
@@ -363,6 +378,13 @@ def test_a_second_iteration_starts_from_the_best_walk(robot, tmp_path):
 def test_wrong_settings_are_refused_before_any_work(change, message):
     with pytest.raises(ValueError, match=message):
         loop.resolved(LoopSettings(**change))
+
+
+def test_no_seed_that_a_run_may_have_shares_walks_with_another_purpose():
+    purposes = (ROBOT_LOG, SIMULATOR_LOG, EVALUATION, CONFIRMATION, EXPLANATION)
+    firsts = [seeds_of(each, seed, 1)[0] for each in purposes for seed in (0, 1, LAST)]
+    assert np.diff(np.sort(firsts)).min() >= 10**5
+    assert seeds_of(ROBOT_LOG, LAST + 1, 9) == seeds_of(SIMULATOR_LOG, 0, 9)
 
 
 def test_policies_that_are_best_in_more_rollouts_walk_on_the_robot(robot, tmp_path):

@@ -82,6 +82,7 @@ class Collect:
     rate_hz: float = 50.0
     """Rows per second: 50, 100 or 83.3; any for a motion of the simulator."""
     seed: int = 0
+    """0 to 9999."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -235,6 +236,7 @@ class Evaluate:
     """Forward request, a share of max_forward."""
     rate_hz: float = 50.0
     seed: int = 0
+    """0 to 9999."""
 
 
 @dataclass(frozen=True, kw_only=True)

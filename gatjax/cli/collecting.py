@@ -15,7 +15,7 @@ from gatjax.data.trajectories import to_recording
 from gatjax.hardware.robot import Hardware, HungHardware
 from gatjax.loop.play import Hangable, Play, Player, record_motion
 from gatjax.runs import make_folder
-from gatjax.settings import ROBOT_LOG, SIMULATOR_LOG, seeds
+from gatjax.settings import ROBOT_LOG, SIMULATOR_LOG, check_seed, seeds
 from gatjax.task import RATES, Task, task_at
 
 
@@ -26,7 +26,8 @@ def record(verb: verbs.Collect) -> None:
         (15 if walks else 3) if verb.trajectories is None else verb.trajectories
     )
     check_least(1, trajectories=runs_asked)
-    check_least(0, seed=verb.seed, body_seed=verb.body_seed)
+    check_seed("--seed", verb.seed)
+    check_least(0, body_seed=verb.body_seed)
     hung = verb.hung or None
     given = {"joints": verb.joints or None, "reach": verb.reach, "hung": hung}
     given = given | {"seconds": verb.seconds} if walks else {"policy": verb.policy}

@@ -32,7 +32,13 @@ from gatjax.report.page import build_walk_page
 from gatjax.robot.model import check_walker
 from gatjax.runs import Progress
 from gatjax.search import checked
-from gatjax.settings import EVALUATION, LoopSettings, SearchSettings, seeds
+from gatjax.settings import (
+    EVALUATION,
+    LoopSettings,
+    SearchSettings,
+    check_seed,
+    seeds,
+)
 from gatjax.sim.backend import use_compile_cache
 from gatjax.sim.poses import states, write_walk
 from gatjax.sim.stored import read_world
@@ -100,6 +106,7 @@ def collect(verb: verbs.Collect) -> None:
 @act.register
 def ground(verb: verbs.Ground) -> None:
     """Learn a grounding and write it with its world file."""
+    check_least(0, seed=verb.seed)
     task = task_at(verb.rate_hz)
     world = ungrounded(verb.world, task)
     check_walker(world.model, str(world.source))
@@ -195,7 +202,8 @@ def work(verb: verbs.Work) -> None:
 def evaluate(verb: verbs.Evaluate) -> None:
     """Walk policies on a robot and print speed and falls."""
     check_least(1, runs=verb.runs)
-    check_least(0, seed=verb.seed, body_seed=verb.body_seed)
+    check_seed("--seed", verb.seed)
+    check_least(0, body_seed=verb.body_seed)
     if not 0.0 < verb.forward <= 1.0:
         raise ValueError(f"--forward is {verb.forward}; use more than 0, at most 1")
     task = task_at(verb.rate_hz, forward=verb.forward)

@@ -14,7 +14,7 @@ from gatjax.diagnosis.measure import fallen
 from gatjax.diagnosis.start import Start
 from gatjax.diagnosis.verdict import Verdict
 from gatjax.motions import MENU
-from gatjax.settings import SIMULATOR_LOG, seeds
+from gatjax.settings import LAST, SIMULATOR_LOG, seeds
 from gatjax.sim.limbs import floats, limbs_of, put_down
 from gatjax.sim.replay import replay_many
 from gatjax.sim.world import World, stacked
@@ -103,7 +103,7 @@ def propose(
         verdict: of the diagnosis.
         start: of the diagnosis.
         period: control period, s.
-        seed: of the motions.
+        seed: of the diagnosis, which gives the motions theirs.
         world: world.json of the diagnosis, for the command that plays the motion.
 
     Returns:
@@ -121,7 +121,8 @@ def propose(
     moving[sorted({k for claim in everything for k in claim.where})] = True
     moving |= any(claim.stance is not None for claim in claims)
     lasts = {name: min(SECONDS, motion.seconds) for name, motion in MENU.items()}
-    (drawn,) = seeds(SIMULATOR_LOG, seed, 1)  # as `gatjax collect --seed` draws
+    seed %= LAST + 1  # that `gatjax collect --seed` takes, which draws the same
+    (drawn,) = seeds(SIMULATOR_LOG, seed, 1)
     targets = {
         name: MENU[name].build(limbs, moving, 1.0 / period, drawn, seconds=seconds)
         for name, seconds in lasts.items()

@@ -16,7 +16,7 @@ from gatjax.loop.recheck import rechecks
 from gatjax.records import Array, Outcome, Trajectory
 from gatjax.runs import Progress
 from gatjax.search import checked
-from gatjax.settings import LoopSettings
+from gatjax.settings import LoopSettings, check_seed
 from gatjax.sim.backend import BACKENDS, default_backend
 from gatjax.sim.versions import mismatch
 from gatjax.sim.world import World
@@ -149,6 +149,9 @@ def resolved(settings: LoopSettings) -> LoopSettings:
     for name in ("iterations", "evaluations"):
         if getattr(settings, name) < 1:
             raise ValueError(f"{name} is {getattr(settings, name)}; use 1 or more")
+    check_seed("seed", settings.seed)
+    if settings.body_seed < 0:
+        raise ValueError(f"body_seed is {settings.body_seed}; use 0 or more")
     for name in ("robot_trajectories", "simulator_trajectories"):
         if getattr(settings, name) < 4:
             raise ValueError(f"{name} is {getattr(settings, name)}; use 4 or more")
