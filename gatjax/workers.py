@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 import threading
+import weakref
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
@@ -72,6 +73,8 @@ class Workers:
                 free.put(share)
             begin = _begin, (free, bool(self._shares))
             self._pool = ProcessPoolExecutor(self._count, context, *begin)
+            # Left to the end of the interpreter it would miss modules, and say so.
+            weakref.finalize(self, self._pool.shutdown, wait=False)
         others = set(multiprocessing.active_children())
         try:
             with _environment(ALONE), _no_main():

@@ -130,6 +130,22 @@ def test_a_script_needs_no_guard_and_runs_once(tmp_path):
     assert told.stdout in ("{0: 2.0, 1: 3.0}\n", "{1: 3.0, 0: 2.0}\n"), told.stderr
 
 
+LASTING = """
+import math, sys
+from gatjax.workers import Workers
+sys.kept = Workers(1)  # outlives all modules
+print(dict(sys.kept.results(math.sqrt, [(4.0,)])))
+"""
+
+
+def test_a_script_that_does_not_close_them_ends_without_a_word(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(LASTING)
+    asked = [sys.executable, script]
+    told = subprocess.run(asked, capture_output=True, text=True, timeout=120)
+    assert (told.stdout, told.stderr) == ("{0: 2.0}\n", "")
+
+
 PARENT = """
 import os, sys, time
 from gatjax.workers import Workers
