@@ -209,13 +209,28 @@ def test_a_finished_run_says_so(started, tmp_path, capsys, monkeypatch, finished
         (["evaluate"], "nothing was kept"),
     ],
 )
-def test_ctrl_c_says_how_this_verb_goes_on(given, says, capsys, monkeypatch):
+def test_ctrl_c_says_how_this_verb_goes_on(
+    given, says, capsys, monkeypatch, tmp_path
+):
     def stop(verb):
+        runs.open_run("there", DEMO, "begun")
         raise KeyboardInterrupt
 
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(verbs, "act", stop)
     assert main(given) == 130
     assert f"gatjax: stopped; {says}" in capsys.readouterr().err
+
+
+def test_ctrl_c_before_a_run_has_its_folder_leaves_nothing(
+    started, tmp_path, capsys, monkeypatch
+):
+    def stop(settings):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(loop, "resolved", stop)
+    assert main(["run", "--out", str(tmp_path)]) == 130
+    assert "gatjax: stopped; nothing was kept" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

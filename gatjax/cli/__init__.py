@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import traceback
+from pathlib import Path
 from typing import Any
 
 from gatjax import __version__
@@ -39,13 +40,14 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"gatjax {__version__}")
         return 0
     os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "2")
-    chosen = None
+    chosen, before = None, set()
     try:
         chosen = parse(given)
+        before = _runs(chosen)
         with heeded():
             _act(chosen)
     except KeyboardInterrupt:
-        print(f"gatjax: stopped; {_kept(chosen)}", file=sys.stderr)
+        print(f"gatjax: stopped; {_kept(chosen, before)}", file=sys.stderr)
         return STOPPED
     except Exception as error:
         if debug:
@@ -81,9 +83,21 @@ def _line(error: Exception) -> str:
     )
 
 
-def _kept(chosen: Any) -> str:
-    """Say what Ctrl-C left of a verb's work and how to go on."""
-    if isinstance(chosen, Run):
+def _runs(chosen: Any) -> set[Path]:
+    """The run folders that are there where a verb begins one."""
+    if not isinstance(chosen, Run) or chosen.resume:
+        return set()
+    return {file.parent for file in chosen.out.glob("*/environment.json")}
+
+
+def _kept(chosen: Any, before: set[Path]) -> str:
+    """Say what Ctrl-C left of a verb's work and how to go on.
+
+    Args:
+        chosen: the verb.
+        before: `_runs` before it began.
+    """
+    if isinstance(chosen, Run) and (chosen.resume or _runs(chosen) > before):
         folder = f"--out {chosen.out}" if chosen.run is None else f"--run {chosen.run}"
         return f"`gatjax run --resume {folder}` goes on"
     if isinstance(chosen, Search | BenchDiagnose):
