@@ -47,7 +47,36 @@ def test_a_mistyped_verb_is_told_the_one_that_is_meant(capsys):
     code, line = one_line(capsys, ["diagnos", "--data", "x.csv"])
     assert code == 1 and "did you mean diagnose?" in line
     code, line = one_line(capsys, ["xyz"])
-    assert "did you mean" not in line and "There are run, collect" in line
+    assert "did you mean" not in line and "is no verb; there are run, collect" in line
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ("run --method gat", "no option --method (did you mean --methods?)"),
+        ("run --generations abc", "--generations takes a whole number, not 'abc'"),
+        ("collect --out x --reach abc", "--reach takes a number, not 'abc'"),
+        ("run --preset big", "knows no 'big'; choose from demo, paper"),
+        ("ground --out x", "ground needs --robot-log, --simulator-log;"),
+        ("search --out", "Missing value for argument '--out'"),
+        ("evaluate --foo 3", "evaluate has no option --foo;"),
+        ("bench diagnose --case 3 --out x", "(did you mean --cases?)"),
+    ],
+)
+def test_a_refused_option_is_one_line_that_names_the_verbs_help(given, says, capsys):
+    code, line = one_line(capsys, given.split())
+    verb = "bench diagnose" if "diagnose" in given else given.split()[0]
+    assert code == 1 and says in line
+    assert line.endswith(f"; see gatjax {verb} --help")
+
+
+def test_a_robot_that_collect_does_not_have(tmp_path, capsys):
+    arguments = ["--out", str(tmp_path / "x.parquet"), "--robot", "pepper"]
+    _, line = one_line(capsys, ["collect", *arguments])
+    assert "choose from simulator, dart, stiff" in line
+    given = ["run", "--robot", "simulator", "--out", str(tmp_path)]
+    _, line = one_line(capsys, given)
+    assert "'simulator'" in line and "choose from dart, stiff" in line
 
 
 def test_presets_set_the_defaults_and_flags_override_them():

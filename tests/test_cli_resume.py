@@ -209,9 +209,7 @@ def test_a_finished_run_says_so(started, tmp_path, capsys, monkeypatch, finished
         (["evaluate"], "nothing was kept"),
     ],
 )
-def test_ctrl_c_says_how_this_verb_goes_on(
-    given, says, capsys, monkeypatch, tmp_path
-):
+def test_ctrl_c_says_how_this_verb_goes_on(given, says, capsys, monkeypatch, tmp_path):
     def stop(verb):
         runs.open_run("there", DEMO, "begun")
         raise KeyboardInterrupt

@@ -45,15 +45,17 @@ def robot_of(
         return loop.Simulator(world_of(world, task))
     if world is not None:
         raise ValueError(f"--world is for --robot simulator, not {name}")
-    return robot_named(name, body_seed, folder)
+    return robot_named(name, body_seed, folder, ("simulator",))
 
 
-def robot_named(name: str, body_seed: int, folder: Path) -> Any:
-    """Return a robot that the simulator does not know."""
+def robot_named(
+    name: str, body_seed: int, folder: Path, besides: tuple[str, ...] = ()
+) -> Any:
+    """Return a robot that the simulator does not know; `besides` are choices, too."""
     if is_hardware(name):
         return Hardware(name, folder, Terminal())
     if name not in ROBOTS:
-        known = ", ".join(["simulator", *ROBOTS, FORMS])
+        known = ", ".join([*besides, *ROBOTS, FORMS])
         raise ValueError(f"robot {name!r} is unknown; choose from {known}")
     return make_robot(name, body_seed)
 

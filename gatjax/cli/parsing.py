@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import tyro
 
 from gatjax.cli.arguments import ABOUT, VERBS, BenchDiagnose, Run
+from gatjax.cli.refusals import short
 from gatjax.settings import DEMO, PRESETS, LoopSettings, SearchSettings
 
 
@@ -41,11 +42,13 @@ def parse(arguments: list[str]) -> Any:
     """Read the command line into the verb's dataclass.
 
     Raises:
-        ValueError: no such verb, or a flag that takes several files is given twice.
+        ValueError: no such verb or option, a value that is none, or a flag that takes
+            several files is given twice.
     """
     if arguments[:2] == ["bench", "diagnose"]:
-        prog = "gatjax bench diagnose"
-        return tyro.cli(BenchDiagnose, args=arguments[2:], prog=prog)
+        with short("bench diagnose"):
+            prog = "gatjax bench diagnose"
+            return tyro.cli(BenchDiagnose, args=arguments[2:], prog=prog)
     _check_verb(arguments[0])
     _check_lists(arguments)
     preset = _preset(arguments)
@@ -55,13 +58,14 @@ def parse(arguments: list[str]) -> Any:
         default = run if kind is Run else tyro.MISSING_NONPROP
         verb = Annotated[kind, tyro.conf.subcommand(name, default=default)]
         verbs = verb if verbs is None else verbs | verb
-    return tyro.cli(verbs, args=arguments, prog="gatjax", description=ABOUT)
+    with short(arguments[0]):
+        return tyro.cli(verbs, args=arguments, prog="gatjax", description=ABOUT)
 
 
 def _check_verb(word: str) -> None:
     """Refuse a verb that is none, with the one that may be meant."""
-    if word.startswith("-") or word in VERBS:
+    if word in VERBS or word.startswith(("-h", "--help", "--tyro-")):
         return
     near = difflib.get_close_matches(word, VERBS, 1)
-    meant = f"did you mean {near[0]}? " if near else ""
-    raise ValueError(f"{word!r} is no verb; {meant}There are {', '.join(VERBS)}")
+    there = f"did you mean {near[0]}? There" if near else "there"
+    raise ValueError(f"{word!r} is no verb; {there} are {', '.join(VERBS)}")
