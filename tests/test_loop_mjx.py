@@ -56,7 +56,7 @@ def test_trials_are_one_call_and_each_finds_what_it_finds_alone_on_native(tmp_pa
         )
 
     both = optimise_all([job(1, "a"), job(2, "b")], settings, progress)
-    assert told == [f"gat: generation {n} of 2, 2 trials" for n in (1, 2)]
+    assert told == [f"gat: generation {n} (last: 1), 2 trials" for n in (0, 1)]
     count = len(traces)
     measured = count - traced[-1]  # traces to measure what was found
     assert traced[0] == 0 < traced[1] == traced[-1]  # in the first generation only

@@ -269,7 +269,7 @@ def _is_robot_summary(path, rows):
 
 STOPS = (  # in the order in which a run meets them
     (None, "gat: ground the simulator"),
-    (None, "gat: generation 2 of 2"),
+    (None, "gat: generation 1 (last: 1)"),
     (_is_check, None),  # after the last checkpoint of the search
     (None, "gat: walk on the robot"),
     (_is_robot_summary, None),  # between two tables
