@@ -11,7 +11,7 @@ import sys
 import numpy as np
 import pytest
 
-from gatjax.report import build_report
+from gatjax.report import build_report, onward
 from gatjax.report.walks import pack, read_walk
 from gatjax.runs import add_rows
 from gatjax.walk.parameters import PARAMETERS
@@ -251,6 +251,22 @@ def test_confirmation_walks_stand_for_the_winner(tmp_path):
         re.findall(r"<svg.*?</svg>", each, re.DOTALL) for each in (before, page)
     ]
     assert pictures[0] == pictures[1]
+
+
+def test_the_policy_of_the_first_and_how_to_walk_it_are_told(tmp_path):
+    folder = write_default(tmp_path)
+    policy = folder / "policies" / "gat_0_2_best.json"
+    assert policy.is_file()
+    walked = f"gatjax evaluate --policies {policy}"
+    text = shown(page_of(folder))
+    assert "policies/gat_0_2_best.json" in text and walked in text
+    config = json.loads((folder / "config.json").read_text())
+    config |= {"robot": "stiff", "body_seed": 3, "rate_hz": 50.0}
+    (folder / "config.json").write_text(json.dumps(config))
+    policy_line, again, deploy = onward(folder)
+    assert policy_line == f"policy {policy}, from GAT"
+    assert again == f"walk it again: {walked} --robot stiff --body-seed 3"
+    assert deploy == f"on a NAO: gatjax deploy {policy} --robot lola"
 
 
 def test_packed_walk_is_the_walk(tmp_path):

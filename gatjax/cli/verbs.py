@@ -27,7 +27,7 @@ from gatjax.hardware.links import is_hardware
 from gatjax.hardware.terminal import Terminal
 from gatjax.hosts import address_of, serve
 from gatjax.loop.setting import ORACLE
-from gatjax.report import build_report, headline
+from gatjax.report import build_report, headline, onward
 from gatjax.report.page import build_walk_page
 from gatjax.robot.model import check_walker
 from gatjax.runs import Progress
@@ -94,7 +94,7 @@ def check_searchable(settings: LoopSettings) -> None:
 def _reported(folder: Path) -> None:
     """Write the report of a run, and say what came out."""
     report = build_report(folder)
-    print(f"{headline(folder)}\nreport {report}")
+    print(headline(folder), f"report {report}", *onward(folder), sep="\n")
 
 
 @act.register
@@ -184,7 +184,8 @@ def search(verb: verbs.Search) -> None:
     with shown(float(units)) as progress, sharing.opened(verb) as share:
         last = loop.optimise(job, chosen, progress, share)[-1]
     path = verb.out / "policies" / f"{last.name}.json"
-    print(f"{path}: mean of the last generation; try it with gatjax evaluate")
+    print(f"{path}: mean of the last generation")
+    print(f"try it: gatjax evaluate --policies {path}")
 
 
 @act.register

@@ -186,7 +186,9 @@ def generations(
     for number in range(min(firsts), total):
         due = [index for index, first in enumerate(firsts) if first <= number]
         many = f", {len(due)} trials" if len(jobs) > 1 else ""
-        progress.stage(f"{jobs[0].method}: generation {number} (last: {total - 1}){many}")
+        progress.stage(
+            f"{jobs[0].method}: generation {number} (last: {total - 1}){many}"
+        )
         clock = time.perf_counter()
         results = step(due, [states[index] for index in due], number)
         seconds = (time.perf_counter() - clock) / len(due)

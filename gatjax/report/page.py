@@ -11,6 +11,7 @@ from gatjax.report.read import Run, read_run
 from gatjax.report.tables import Summary, summarise
 from gatjax.report.verdict import Verdict, judge
 from gatjax.report.walks import Walk, choose, read_walk, read_walks
+from gatjax.report.winner import winner_lines, winner_note
 from gatjax.report.wording import escape
 from gatjax.runs import write_whole
 
@@ -55,6 +56,12 @@ def headline(folder: Path) -> str:
     return judge(summarise(read_run(Path(folder)))).sentence
 
 
+def onward(folder: Path) -> list[str]:
+    """Lines with the policy of the fastest walk and the commands that walk it."""
+    run = read_run(Path(folder))
+    return winner_lines(run, summarise(run))
+
+
 def render(run: Run, summary: Summary, verdict: Verdict, walks: list[Walk]) -> str:
     """Put the page of a run together."""
     robot = escape(run.robot.get("name", "unknown robot"))
@@ -62,7 +69,7 @@ def render(run: Run, summary: Summary, verdict: Verdict, walks: list[Walk]) -> s
         (
             head(run, summary, verdict, robot),
             missing(run.problems),
-            sections.method_table(summary),
+            sections.method_table(summary, winner_note(run, summary)),
             sections.animation(walks),
             pictures.robot_pictures(summary),
             pictures.cost_pictures(run, summary),

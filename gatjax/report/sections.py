@@ -70,8 +70,8 @@ def _card(method: str, velocity: float, words: str) -> str:
     )
 
 
-def method_table(summary: Summary) -> str:
-    """Every method on the robot, with the paper's numbers beside it."""
+def method_table(summary: Summary, below: str = "") -> str:
+    """Every method on the robot, with the paper's numbers beside it, and a note."""
     first = summary.ranked[0] if summary.ranked else None
     rows = [_theta0_row(summary)]
     rows += [_method_row(each, each is first) for each in summary.methods]
@@ -88,7 +88,7 @@ def method_table(summary: Summary) -> str:
     )
     body = f"<div class=scroll><table><thead>{head}</thead>"
     body += f"<tbody>{''.join(rows)}</tbody></table></div>"
-    return section("Methods on the robot", body + method_notes(summary))
+    return section("Methods on the robot", body + below + method_notes(summary))
 
 
 def method_notes(summary: Summary) -> str:

@@ -1,0 +1,64 @@
+"""The policy file of the fastest walk, and the commands that walk it again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+from gatjax.report.facts import choose_policy
+from gatjax.report.read import Run
+from gatjax.report.tables import Summary
+from gatjax.report.wording import escape
+
+
+class Winner(NamedTuple):
+    """What a reader needs to take the fastest walk elsewhere."""
+
+    method: str  # in words
+    policy: Path
+    evaluate: str  # walks it again on the robot of the run
+    deploy: str  # lets a NAO walk it
+
+
+def winner_of(run: Run, summary: Summary) -> Winner | None:
+    """Find the policy of the method that is ranked first; None without one."""
+    chosen = choose_policy(run, summary.ranked[0]) if summary.ranked else None
+    if chosen is None:
+        return None
+    policy = run.folder / "policies" / f"{chosen.stem}.json"
+    flags = ""
+    for key, usual in (("robot", None), ("body_seed", 0), ("rate_hz", 50.0)):
+        value = run.config.get(key, usual)
+        if value != usual:
+            flags += f" --{key.replace('_', '-')} {value}"
+    return Winner(
+        method=summary.ranked[0].label,
+        policy=policy,
+        evaluate=f"gatjax evaluate --policies {policy}{flags}",
+        deploy=f"gatjax deploy {policy} --robot lola",
+    )
+
+
+def winner_note(run: Run, summary: Summary) -> str:
+    """The file and the commands as a note of the page; nothing without a walk."""
+    found = winner_of(run, summary)
+    if found is None:
+        return ""
+    return (
+        f"<p>The policy from {escape(found.method)}: "
+        f"<code>policies/{escape(found.policy.name)}</code>. "
+        f"Walk it again: <code>{escape(found.evaluate)}</code>; on a NAO: "
+        f"<code>{escape(found.deploy)}</code>.</p>"
+    )
+
+
+def winner_lines(run: Run, summary: Summary) -> list[str]:
+    """The same for a terminal."""
+    found = winner_of(run, summary)
+    if found is None:
+        return []
+    return [
+        f"policy {found.policy}, from {found.method}",
+        f"walk it again: {found.evaluate}",
+        f"on a NAO: {found.deploy}",
+    ]
