@@ -14,6 +14,7 @@ import pytest
 from pyarrow import parquet
 
 from gatjax.report.diagnosis import write_report
+from gatjax.report.diagnosis.joints import trend
 from gatjax.report.diagnosis.read import Signals, Trace
 from gatjax.report.diagnosis.response import response
 from gatjax.report.diagnosis.signals import binned, close_up, speed, thinned
@@ -358,14 +359,14 @@ def test_numbers_are_those_of_the_file(tmp_path):
         "row 401, column 'time'",
         "14.2 s",
         "It explains 93 % of what a learned model takes away",
-        "The extended model is promoted",
+        "The extended model is the one to use from here on (world.json)",
     ):
         assert words in text, words
     gain = {"before": 0.02, "after": 0.015, "low": -0.1, "high": 0.4, "promoted": False}
     page = edited(tmp_path, gain=gain)
     text = Text(page).all
     assert "<td class=n>25 %</td>" in page and "\N{MINUS SIGN}10 to 40 %" in text
-    assert "not promoted" in text and "1.15° before, 0.859° after" in text
+    assert "not one to use yet" in text and "1.15° before, 0.859° after" in text
 
 
 def test_joints_that_got_worse_are_told(tmp_path):
@@ -395,6 +396,15 @@ def test_a_cause_with_several_values_has_one_card(tmp_path):
 def test_sizes_that_show_are_told_in_their_direction(pages):
     text = Text(pages["named"]).all
     assert "below 0.93" in text and "below 8.97 N m" in text and "3 ms" in text
+
+
+def test_captions_speak_of_what_is_there(pages):
+    said = "The moment at which the extended model gains most"
+    assert said in pages["named"] and said not in pages["none"]
+    assert "the moment at which that gains most" in pages["none"]
+    blank = Signals(np.zeros(2), np.zeros(2, int), np.zeros(2, bool), {})
+    assert "Shaded" in trend(blank._replace(held=np.array([False, True])))
+    assert "Shaded" not in trend(blank)
 
 
 def test_the_share_of_calibration_is_told(tmp_path):

@@ -107,13 +107,16 @@ def gain_lines(gain: Mapping[str, Any] | None, held: bool) -> list[str]:
     ]
     alone = gain.get("without_calibration")
     if alone is not None:
-        lines.append(f"           {_degrees(alone)} deg without its calibration")
+        lines.append(
+            f"           {_degrees(alone)} deg with the causes alone, "
+            f"without the numbers fitted again beside them"
+        )
     learned = gain.get("learned_ceiling")
     if learned is not None:
         floor = _degrees(gain["noise_floor"])
         lines.append(
             f"           a learned model reaches {_degrees(learned)} deg"
-            f"{', worse than the old one' if learned > before else ''}; noise is "
+            f"{', worse than the nominal one' if learned > before else ''}; noise is "
             f"{floor} deg"
         )
     if not gain.get("promoted", True):

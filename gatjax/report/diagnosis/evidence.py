@@ -130,8 +130,8 @@ def location(diagnosis: Diagnosis) -> str:
     note = (
         "Rms of measured minus simulated on the fit logs, worst joint first. Pale bar: "
         "nominal model. Full bar: what is left after masses, gains and friction were "
-        "fitted within their tolerances. Dot: with the causes, too. Stroke: noise. "
-        "All of it of one joint at a time. The extended model of the pictures and of "
+        "fitted, each with its tolerance as one standard deviation, up to 3.5 of them. "
+        "Dot: with the causes, too. Stroke: noise. All of it of one joint at a time. The extended model of the pictures and of "
         "the gain has the causes and the calibration, not the masses and small "
         "corrections that were fitted beside them, so it leaves somewhat more. "
         "Beyond tolerances: share of the power left after tolerances that is more than "

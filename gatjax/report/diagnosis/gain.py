@@ -76,21 +76,21 @@ def _words(diagnosis: Diagnosis) -> str:
     if not diagnosis.causes:
         words.append(
             "No cause was named. What the extended model gains comes from nominal "
-            "numbers that were fitted again within their tolerances."
+            "numbers that were fitted again, as far as their tolerances let them."
         )
     elif "promoted" in gain:
         words.append(
-            "The extended model is promoted: it predicts logs that it was not "
-            "fitted to measurably better."
+            "The extended model is the one to use from here on (world.json): it "
+            "predicts logs that it was not fitted to measurably better."
             if gain["promoted"]
-            else "The extended model is not promoted: the interval of its gain "
+            else "The extended model is not one to use yet: the interval of its gain "
             "reaches down to zero or below, so keep the nominal model."
         )
     alone = number_in(gain, "without_calibration")
     if math.isfinite(alone):
         words.append(
-            f"Without the numbers fitted here, with the named causes alone, the error "
-            f"is {degrees(alone)}."
+            f"Without the numbers that were fitted again beside them (calibration), "
+            f"with the named causes alone, the error is {degrees(alone)}."
         )
     share = number_in(gain, "learned_share")
     if 0.0 < share <= 1.0 and diagnosis.verdict != "none":

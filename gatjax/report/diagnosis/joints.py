@@ -18,7 +18,8 @@ def joint_sections(diagnosis: Diagnosis) -> str:
     if signals is None:
         return section("How the joints behave", "<p>signals.parquet is missing.</p>")
     drawn = worst(diagnosis)
-    shown = [_joint(name, signals, signals.joints[name]) for name in drawn]
+    named = bool(diagnosis.causes)
+    shown = [_joint(name, signals, signals.joints[name], named) for name in drawn]
     return "".join(shown) + _others(diagnosis, signals, drawn)
 
 
@@ -37,14 +38,25 @@ def _others(diagnosis: Diagnosis, signals: Signals, drawn: list[str]) -> str:
     return section("Residual of the other joints", f"<details>{body}</details>")
 
 
-def _moment(trace: Trace) -> str:
-    """What a close-up shows."""
+def _moment(trace: Trace, named: bool) -> str:
+    """What a close-up shows; without a named cause nothing but numbers is fitted."""
     if trace.extended is None:
         return "The moment at which the nominal model errs most."
+    if not named:
+        return (
+            "No cause was named: the extended model is the nominal one with numbers "
+            "fitted again, and this is the moment at which that gains most."
+        )
     return "The moment at which the extended model gains most on the nominal one."
 
 
-def _joint(name: str, signals: Signals, trace: Trace) -> str:
+def trend(signals: Signals) -> str:
+    """What to see in residuals over time."""
+    shaded = "Shaded: held-out. " if signals.held.any() else ""
+    return f"{shaded}A trend points to heat, supply or clocks."
+
+
+def _joint(name: str, signals: Signals, trace: Trace, named: bool) -> str:
     """Every picture of one joint."""
     window = close_up(signals, trace)
     whole = np.flatnonzero(signals.run == signals.run[window[0]])
@@ -53,13 +65,13 @@ def _joint(name: str, signals: Signals, trace: Trace) -> str:
         picture(
             f"Close-up, {log}",
             figures.overlay(signals, trace, window),
-            _moment(trace),
+            _moment(trace, named),
         ),
         picture(f"The whole {log}", figures.overlay(signals, trace, whole)),
         picture(
             "Residual over time",
             figures.residual_over_time(signals, trace),
-            "Shaded: held-out. A trend points to heat, supply or clocks.",
+            trend(signals),
         ),
     ]
     loop = figures.hysteresis(signals, trace)

@@ -94,7 +94,7 @@ def _fallback(offer: dict[str, Any]) -> str:
 
 
 def calibration(diagnosis: Diagnosis) -> str:
-    """Nominal numbers that were fitted within their tolerances; no causes."""
+    """Nominal numbers that were fitted with their tolerances; no causes."""
     rows = diagnosis.rows("calibration")
     if not rows:
         return ""
