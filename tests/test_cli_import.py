@@ -118,6 +118,14 @@ def test_what_cannot_be_used_is_one_line(tmp_path, brought, table, line):
     assert not out.exists()
 
 
+def test_names_that_nobody_knows_lead_to_the_draft(tmp_path, brought):
+    path = tmp_path / "log.parquet"
+    parquet.write_table(pa.table({"time": logs.SEEN, "x": logs.SEEN}), path)
+    _, _, error, out = brought(path)
+    draft = out.with_suffix(".map.yaml")
+    assert draft.is_file() and f"the draft is {draft}" in error
+
+
 def test_no_log_is_an_error(brought):
     code, _, error, _ = brought()
     assert code == 1

@@ -5,6 +5,7 @@ import importlib
 import json
 import shutil
 import zipfile
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -195,6 +196,13 @@ def test_a_finished_run_says_so(started, tmp_path, capsys, monkeypatch, finished
     printed = capsys.readouterr().out
     assert ("finished already; its report is written again" in printed) is finished
     assert f"GAT is faster.\nreport {started[1] / 'report.html'}" in printed
+
+
+def test_one_walk_has_no_spread():
+    one = SimpleNamespace(velocity=np.array([0.2]), fell_at=np.array([2.0]))
+    two = SimpleNamespace(velocity=np.array([0.2, 0.3]), fell_at=np.full(2, np.inf))
+    assert collecting.summary(one) == "20.0 cm/s, 1 fall"
+    assert collecting.summary(two) == "25.0 +- 5.0 cm/s, 0 falls"
 
 
 # Ctrl-C and errors that nobody foresaw

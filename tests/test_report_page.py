@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from gatjax.report import build_report, onward
+from gatjax.report.page import build_walk_page
 from gatjax.report.walks import pack, read_walk
 from gatjax.runs import add_rows
 from gatjax.walk.parameters import PARAMETERS
@@ -267,6 +268,39 @@ def test_the_policy_of_the_first_and_how_to_walk_it_are_told(tmp_path):
     assert policy_line == f"policy {policy}, from GAT"
     assert again == f"walk it again: {walked} --robot stiff --body-seed 3"
     assert deploy == f"on a NAO: gatjax deploy {policy} --robot lola"
+
+
+def test_a_robots_constants_are_rounded_and_have_their_units(tmp_path):
+    folder = write_default(tmp_path)
+    facts = {"constants": {"play": 0.008726646259971648, "share": 0.6, "side": 12.0}}
+    facts |= {"name": "dart", "units": {"play": "rad", "side": "m"}}
+    (folder / "robot.json").write_text(json.dumps(facts))
+    text = shown(page_of(folder))
+    assert (
+        "constants.play 0.008727 rad constants.share 0.6 constants.side 12.0 m" in text
+    )
+    assert "units.play" not in text
+
+
+def test_a_walk_has_the_name_of_its_method_and_says_that_it_fell(tmp_path):
+    folder = write_default(tmp_path)
+    path = folder / "walks" / "none_best_robot.npz"
+    write_walk(path, label="best of none on dart")
+    rows = [
+        ["none", 0, 2, "chosen", 100 + n, 0.2, 1.5 if n == 0 else ""] for n in (1, 0)
+    ]
+    with (folder / "evaluations.csv").open("a", newline="") as file:
+        csv.writer(file).writerows(rows)
+    walks = {walk["name"]: walk for walk in packed_walks(page_of(folder))}
+    assert walks["none_best_robot"]["label"] == "no grounding on dart"
+    assert walks["none_best_robot"]["fell"] and not walks["theta0_robot"]["fell"]
+
+
+def test_one_walk_alone_is_neither_the_first_nor_the_best(tmp_path):
+    write_walk(tmp_path / "walk.npz")
+    build_walk_page(tmp_path / "walk.npz", tmp_path / "walk.html")
+    page = (tmp_path / "walk.html").read_text()
+    assert "The walk" in shown(page) and "the best walk" not in shown(page)
 
 
 def test_packed_walk_is_the_walk(tmp_path):

@@ -92,6 +92,19 @@ def test_overlapping_intervals_are_no_win():
     assert "did not make the walk measurably faster" in verdict.sentence
 
 
+def test_several_that_are_level_are_listed_with_commas():
+    near = [(velocity - 0.0005, falls) for velocity, falls in GOOD]
+    verdict = verdict_of(theta0=THETA0, none=near, envelope=near, guided=near, gat=GOOD)
+    assert "(level with no grounding, noise envelope and guided)" in verdict.sentence
+
+
+def test_as_few_falls_are_no_but():
+    verdict = verdict_of(
+        {"none": (0.22, 2), "gat": (0.22, 0)}, theta0=THETA0, none=GOOD, gat=GOOD
+    )
+    assert "fell in 2 of 5 walks, and in the search grounding fell" in verdict.sentence
+
+
 def test_fewer_falls_at_the_same_speed_are_safer():
     grounded = [(0.18, 0), (0.20, 0), (0.20, 0), (0.20, 0)]
     ungrounded = [(0.20, 0), (0.20, 0), (0.24, 4), (0.25, 5), (0.24, 5), (0.25, 5)]

@@ -164,7 +164,9 @@ class Ground:
     world: Path | None = None
     """world.json of the simulator to ground, without a grounding; ideal if left out."""
     rate_hz: float = 50.0
+    """Control rate of the recordings: 50, 100 or 83.3."""
     seed: int = 0
+    """Of all that is drawn and trained."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -178,14 +180,18 @@ class Search:
     policy: Path | None = None
     """Policy to start from; theta0 if left out."""
     population: int = 40
+    """Policies a generation."""
     rollouts: int = 4
+    """Rollouts a policy."""
     generations: int = 8
+    """How many; more of them later go on with the same search."""
     race: int = 0
     """Rollouts after which the worse half of the policies drops out; 0: never."""
     model: Literal["light", "full"] = "light"
     """light: without the joints that the walk never moves, longer physics steps, fewer
     solver iterations; full: the whole robot."""
     backend: Literal["auto", "native", "mjx"] = "auto"
+    """native: CPU threads; mjx: one compiled call; auto: mjx on an accelerator."""
     impl: Literal["auto", "jax", "warp"] = "auto"
     """Of mjx; auto: warp where it can run (NVIDIA, warp-lang), four times as fast."""
     listen: int | None = None
@@ -193,7 +199,9 @@ class Search:
     hosts: int = 0
     """With --listen: others to wait for, up to five minutes, before it begins."""
     rate_hz: float = 50.0
+    """Control rate: 50, 100 or 83.3; a grounding has that it was learned at."""
     seed: int = 0
+    """Of all that is drawn."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,6 +220,7 @@ class Work:
     leader: str
     """HOST:PORT of the search."""
     backend: Literal["auto", "native", "mjx"] = "auto"
+    """native: CPU threads; mjx: one compiled call; auto: mjx on an accelerator."""
     impl: Literal["auto", "jax", "warp"] = "auto"
     """Of mjx; auto: warp where it can run (NVIDIA, warp-lang), four times as fast."""
     patience: float = 300.0
@@ -231,12 +240,15 @@ class Evaluate:
     world: Path | None = None
     """world.json, for --robot simulator."""
     runs: int = 10
+    """Walks of each policy."""
     body_seed: int = 0
+    """Which robot of the series, for dart and stiff."""
     forward: float = 0.75
     """Forward request, a share of max_forward."""
     rate_hz: float = 50.0
+    """Control rate: 50, 100 or 83.3 (lola)."""
     seed: int = 0
-    """0 to 9999."""
+    """Of the walks' starts and noise, 0 to 9999."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -246,14 +258,19 @@ class View:
     out: Path = Path("walk.html")
     """html file to write; .mp4 for a video (pip install 'gatjax[video]')."""
     policy: Path | None = None
+    """Policy JSON file; theta0 if left out."""
     robot: str = "simulator"
     """simulator, dart, stiff, or a robot behind a link (see gatjax collect)."""
     world: Path | None = None
+    """world.json, for --robot simulator."""
     live: bool = False
     """Open MuJoCo's window instead of writing a file."""
     body_seed: int = 0
+    """Which robot of the series, for dart and stiff."""
     rate_hz: float = 50.0
+    """Control rate: 50, 100 or 83.3 (lola)."""
     seed: int = 0
+    """Of the walk's start and noise."""
 
 
 @dataclass(frozen=True, kw_only=True)

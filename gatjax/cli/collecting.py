@@ -100,10 +100,11 @@ def played(
         progress.stage(f"{len(drawn)} times {motion.name} on {robot.name}")
         recording, falls = record_motion(robot, play)
         progress.work(1.0)
+    fell = f", {counted(falls, 'fall')}" if limbs.floating else ""
     advice = "; try a smaller --reach" if falls else ""
     return recording, (
-        f"{len(drawn)} runs of {motion.name} with reach {play.reach:g}, {falls} falls"
-        f"{advice}\n{motion.use}"
+        f"{counted(len(drawn), 'run')} of {motion.name} with reach {play.reach:g}"
+        f"{fell}{advice}\n{motion.use}"
     )
 
 
@@ -111,4 +112,10 @@ def summary(outcome: Any) -> str:
     """Say speed and falls in one line."""
     falls = int(np.isfinite(outcome.fell_at).sum())
     speed = 100.0 * np.asarray(outcome.velocity)
-    return f"{speed.mean():.1f} +- {speed.std():.1f} cm/s, {falls} falls"
+    spread = f" +- {speed.std():.1f}" if len(speed) > 1 else ""
+    return f"{speed.mean():.1f}{spread} cm/s, {counted(falls, 'fall')}"
+
+
+def counted(number: int, thing: str) -> str:
+    """So many things, one without an s."""
+    return f"{number} {thing}{'s' * (number != 1)}"

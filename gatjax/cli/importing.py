@@ -89,7 +89,13 @@ def _read(verb: Import, given: ColumnMap | None) -> Recording:
             _list(source, drafts.seconds(source) if scale is None else scale)
     if given is None:
         _write_draft(verb.out.with_suffix(".map.yaml"), sources)
-    made = [readers.assemble(each, given) for each in sources]
+    try:
+        made = [readers.assemble(each, given) for each in sources]
+    except ValueError as error:
+        if given is not None:
+            raise
+        draft = verb.out.with_suffix(".map.yaml")
+        raise ValueError(f"{error}; the draft is {draft}") from error
     for note in dict.fromkeys(note for each in made for note in each.notes):
         print(f"note: {note}")
     parts = [each.recording for each in made]

@@ -15,7 +15,7 @@ import gatjax
 from gatjax import loop, runs
 from gatjax.cli import arguments as verbs
 from gatjax.cli import logs, sharing
-from gatjax.cli.collecting import record, summary
+from gatjax.cli.collecting import counted, record, summary
 from gatjax.cli.inputs import check_least, policy_of, robot_named, robot_of, world_of
 from gatjax.cli.progress import shown, shown_beside
 from gatjax.cli.resume import open_search, resumed
@@ -224,7 +224,9 @@ def evaluate(verb: verbs.Evaluate) -> None:
             _, found[name] = robot.walk(policies, drawn, task)
             progress.work(1.0)
     for name, outcome in found.items():
-        print(f"{name} on {robot.name}: {summary(outcome)} in {verb.runs} runs")
+        print(
+            f"{name} on {robot.name}: {summary(outcome)} in {counted(verb.runs, 'run')}"
+        )
 
 
 @act.register
@@ -254,7 +256,8 @@ def view(verb: verbs.View) -> None:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "walk.npz"
         write_walk(file, model, walk, f"{robot.name}: {summary(outcome)}")
-        build_walk_page(file, verb.out)
+        fell = bool(np.isfinite(outcome.fell_at).any())
+        build_walk_page(file, verb.out, fell)
     print(f"{verb.out}: open it in a browser ({summary(outcome)})")
 
 
@@ -346,4 +349,4 @@ def doctor(verb: verbs.Doctor) -> None:
 
     del verb
     for name, finding in examine():
-        print(f"{name:<14} {finding}")
+        print(f"{name:<16} {finding}")

@@ -143,7 +143,7 @@ def run_facts(run: Run) -> str:
         ("Robot (robot.json)", run.robot),
     ):
         if content:
-            rows = flatten(content)
+            rows = with_units(flatten(content))
             opened = " open" if len(rows) <= 14 else ""
             tables += f"<details{opened}><summary>{escape(name)}</summary>"
             tables += f"{_facts(rows)}</details>"
@@ -174,12 +174,26 @@ def flatten(content: Any, prefix: str = "") -> list[tuple[str, str]]:
             for row in flatten(value, f"{prefix}.{key}" if prefix else str(key))
         ]
     if isinstance(content, float):
-        text = str(content) if math.isfinite(content) else DASH
+        text = str(float(f"{content:.4g}")) if math.isfinite(content) else DASH
     elif isinstance(content, list):
         text = ", ".join(value for _, value in (r for e in content for r in flatten(e)))
     else:
         text = DASH if content is None else str(content)
     return [(prefix, text)]
+
+
+def with_units(rows: list[tuple[str, str]]) -> list[tuple[str, str]]:
+    """Rows of `flatten`, those below `units` behind the values that they are of."""
+    units = {
+        name.removeprefix("units."): text
+        for name, text in rows
+        if name.startswith("units.")
+    }
+    return [
+        (name, f"{text} {units.get(name.rpartition('.')[2], '')}".rstrip())
+        for name, text in rows
+        if not name.startswith("units.")
+    ]
 
 
 def _facts(rows: list[tuple[str, str]]) -> str:

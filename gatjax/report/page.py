@@ -10,7 +10,7 @@ from gatjax.report.document import document
 from gatjax.report.read import Run, read_run
 from gatjax.report.tables import Summary, summarise
 from gatjax.report.verdict import Verdict, judge
-from gatjax.report.walks import Walk, choose, read_walk, read_walks
+from gatjax.report.walks import Walk, choose, read_walk, read_walks, told
 from gatjax.report.winner import winner_lines, winner_note
 from gatjax.report.wording import escape
 from gatjax.runs import write_whole
@@ -41,7 +41,8 @@ def build_report(folder: Path) -> Path:
     folder = Path(folder)
     run = read_run(folder)
     summary = summarise(run)
-    walks = read_walks(folder, run.problems)
+    found = read_walks(folder, run.problems).items()
+    walks = {name: told(walk, run.rollouts) for name, walk in found}
     winner = summary.ranked[0].name if summary.ranked else None
     page = render(run, summary, judge(summary), choose(walks, winner))
     if run.diagnosis:
@@ -83,9 +84,9 @@ def render(run: Run, summary: Summary, verdict: Verdict, walks: list[Walk]) -> s
     return document(run.folder.resolve().name, body)
 
 
-def build_walk_page(walk: Path, out: Path) -> None:
+def build_walk_page(walk: Path, out: Path, fell: bool = False) -> None:
     """Write the animation of one walk file (walks/*.npz) as a page of its own."""
-    shown = read_walk(walk)
+    shown = read_walk(walk)._replace(fell=fell)
     page = document(shown.label, sections.animation([shown]))
     write_whole({Path(out): page.encode("utf-8")})
 

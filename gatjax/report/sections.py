@@ -191,8 +191,8 @@ def _found_cell(method: Method) -> str:
 
 
 def animation(walks: list[Walk]) -> str:
-    """The first and the best walk side by side."""
-    title = "The first and the best walk"
+    """The first and the best walk side by side; one alone if there is no other."""
+    title = "The walk" if len(walks) == 1 else "The first and the best walk"
     if not walks:
         return section(title, "<p>No walk was recorded for the animation.</p>")
     data = json.dumps(pack_walks(walks), allow_nan=False).replace("<", "\\u003c")

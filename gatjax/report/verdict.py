@@ -107,7 +107,9 @@ def tie_with(ranked: list[Method]) -> str:
         and method.confirmed == first.confirmed
         and faster(first.best, method.best).low <= 0.0
     ]
-    return f" (level with {' and '.join(ties)})" if ties else ""
+    *most, last = ties or [""]
+    listed = f"{', '.join(most)} and {last}" if most else last
+    return f" (level with {listed})" if ties else ""
 
 
 def grounding_clause(summary: Summary) -> tuple[Kind, str]:
@@ -180,8 +182,9 @@ def _only_grounded_stands(pair: Pair, lead: Interval | None) -> tuple[Kind, str]
     if pair.falls <= 0 or _slower_than_theta0(pair.grounded):
         slow = _slower_than_theta0(pair.grounded)
         also = ", and its best walk is slower than theta0" if slow else ""
+        turn = "but" if pair.falls < 0 or slow else "and in the search"
         return "unclear", (
-            f"whether {pair.name} beat no grounding is unclear: {failure}, but "
+            f"whether {pair.name} beat no grounding is unclear: {failure}, {turn} "
             f"grounding {pair.fall_words}{also}"
         )
     if lead is not None and lead.low <= 0.0:

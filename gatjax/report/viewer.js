@@ -175,7 +175,7 @@
     drawShadow(context, view, parts, colours);
     paint(context, pane.sheet, grain, view, parts, width, height);
     const gone = Math.hypot(middle[0] - walk.follow[0] * walk.scale, middle[1] - walk.follow[1] * walk.scale);
-    pane.note.textContent = gone.toFixed(2) + " m" + (clock > walk.end ? " \u00b7 ended at " + walk.end.toFixed(1) + " s" : "");
+    pane.note.textContent = gone.toFixed(2) + " m" + (clock > walk.end ? (walk.fell ? " \u00b7 fell at " : " \u00b7 ended at ") + walk.end.toFixed(1) + " s" : "");
   }
   function longest() { return Math.max(...panes.map(pane => pane.walk.end), 0.04); }
   function make(tag, attributes, parent) {

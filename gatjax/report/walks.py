@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import base64
 import zipfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+
+from gatjax.report.read import CHOSEN, THETA0, Rollout
+from gatjax.report.tables import label_of
 
 SHAPES = ("sphere", "capsule", "box")
 FRAMES = 750  # most frames of one walk: 30 s at 25 frames a second
@@ -29,6 +33,7 @@ class Walk(NamedTuple):
     offset: np.ndarray  # [G, 3] m, body frame
     turn: np.ndarray  # [G, 4] w x y z, body frame
     colour: np.ndarray  # [G, 4] 0 to 1
+    fell: bool = False  # its end is a fall
 
 
 def read_walks(folder: Path, problems: list[str]) -> dict[str, Walk]:
@@ -45,6 +50,24 @@ def read_walks(folder: Path, problems: list[str]) -> dict[str, Walk]:
     return walks
 
 
+def told(walk: Walk, rollouts: Sequence[Rollout]) -> Walk:
+    """A walk of a run, by the page's name of its method, and whether it fell.
+
+    It is the first of the walks that judged theta0, or a winner.
+    """
+    method = walk.name.removesuffix("_best_robot").removesuffix("_robot")
+    kind = "best" if method == THETA0 else CHOSEN
+    rows = [r for r in rollouts if (r.method, r.candidate) == (method, kind)]
+    last = max((r.iteration for r in rows), default=0)
+    first = min((r for r in rows if r.iteration == last), key=_seed, default=None)
+    words = walk.label.replace(f"best of {method} on", f"{label_of(method)} on")
+    return walk._replace(label=words, fell=first is not None and first.fell)
+
+
+def _seed(row: Rollout) -> int:
+    return row.seed
+
+
 def read_walk(path: Path) -> Walk:
     """Read one walk, up to its first frame that is not finite.
 
@@ -59,10 +82,10 @@ def read_walk(path: Path) -> Walk:
         quaternion = np.asarray(file["body_quaternion"], dtype=float)
         body = np.asarray(file["geom_body"], dtype=int)[drawn]
         time = np.asarray(file["time"], dtype=float)
-        parts = [
+        size, offset, turn, colour = (
             np.nan_to_num(np.asarray(file[key], dtype=float))[drawn]
             for key in ("geom_size", "geom_position", "geom_quaternion", "geom_rgba")
-        ]
+        )
         label = str(file["label"]) if "label" in file.files else path.stem
     if position.ndim != 3 or quaternion.shape != (*position.shape[:2], 4):
         raise ValueError("body_position and body_quaternion do not fit together")
@@ -83,7 +106,10 @@ def read_walk(path: Path) -> Walk:
         quaternion[:length, used],
         body,
         shape[drawn],
-        *parts,
+        size,
+        offset,
+        turn,
+        colour,
     )
 
 
@@ -131,6 +157,7 @@ def pack(walk: Walk) -> dict[str, Any]:
     return {
         "name": walk.name,
         "label": walk.label,
+        "fell": walk.fell,
         "time": np.round(time, 3).tolist(),
         "bodies": position.shape[1],
         "scale": scale,

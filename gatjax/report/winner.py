@@ -17,7 +17,7 @@ class Winner(NamedTuple):
     method: str  # in words
     policy: Path
     evaluate: str  # walks it again on the robot of the run
-    deploy: str  # lets a NAO walk it
+    deploy: str  # lets a NAO walk it; empty if it fell when it was judged
 
 
 def winner_of(run: Run, summary: Summary) -> Winner | None:
@@ -31,11 +31,12 @@ def winner_of(run: Run, summary: Summary) -> Winner | None:
         value = run.config.get(key, usual)
         if value != usual:
             flags += f" --{key.replace('_', '-')} {value}"
+    first = summary.ranked[0]
     return Winner(
-        method=summary.ranked[0].label,
+        method=first.label,
         policy=policy,
         evaluate=f"gatjax evaluate --policies {policy}{flags}",
-        deploy=f"gatjax deploy {policy} --robot lola",
+        deploy=f"gatjax deploy {policy} --robot lola" if first.stands else "",
     )
 
 
@@ -44,11 +45,11 @@ def winner_note(run: Run, summary: Summary) -> str:
     found = winner_of(run, summary)
     if found is None:
         return ""
+    nao = f"; on a NAO: <code>{escape(found.deploy)}</code>" if found.deploy else ""
     return (
-        f"<p>The policy from {escape(found.method)}: "
+        f"<p class=note>The policy from {escape(found.method)}: "
         f"<code>policies/{escape(found.policy.name)}</code>. "
-        f"Walk it again: <code>{escape(found.evaluate)}</code>; on a NAO: "
-        f"<code>{escape(found.deploy)}</code>.</p>"
+        f"Walk it again: <code>{escape(found.evaluate)}</code>{nao}.</p>"
     )
 
 
@@ -57,8 +58,6 @@ def winner_lines(run: Run, summary: Summary) -> list[str]:
     found = winner_of(run, summary)
     if found is None:
         return []
-    return [
-        f"policy {found.policy}, from {found.method}",
-        f"walk it again: {found.evaluate}",
-        f"on a NAO: {found.deploy}",
-    ]
+    lines = [f"policy {found.policy}, from {found.method}"]
+    lines.append(f"walk it again: {found.evaluate}")
+    return lines + ([f"on a NAO: {found.deploy}"] if found.deploy else [])

@@ -58,6 +58,16 @@ class Constants:
 
 
 E1 = Constants()
+UNITS = {
+    "command_delay": "s", "sensor_delay": "s", "net_torque_pitch": "N m",
+    "net_torque_roll": "N m", "play": "rad", "offset": "rad", "friction_leg": "N m",
+    "friction_arm": "N m", "encoder_step": "rad", "gyro_noise": "rad/s",
+    "accelerometer_noise": "m/s^2", "extra_mass": "kg", "extra_place": "m",
+    "floor_time_constant": "s", "floor_roughness": "m", "floor_step": "m",
+    "floor_side": "m", "start_angle": "rad", "start_velocity": "m/s",
+    "start_turn": "rad/s",
+}  # fmt: skip
+"""Of the constants that have one, for robot.json; the others are shares and ratios."""
 
 
 class Body(NamedTuple):
@@ -124,6 +134,7 @@ def published(engine: str, body: Body) -> dict:
     return {
         "engine": engine,
         "constants": asdict(E1),
+        "units": UNITS,
         "body_seed": body.seed,
         "mass_kg": float(inertials(body).mass.sum()),
         "mass_factor": body.mass_factor.tolist(),
