@@ -353,7 +353,7 @@ def test_a_search_survives_the_death_of_a_host_and_of_its_leader(tmp_path):
 
         assert begun("search", "--out", str(alone), *SEARCH).wait(240) == 0
         leader, dying, staying = begun(*leads, "2"), begun(*works), begun(*works)
-        heard(leader, "generation 0 (last: 2)")
+        heard(leader, r"generation 0 \(last: 2\)")
         dying.send_signal(signal.SIGKILL)
         heard(leader, r"is lost .*run here")
         leader.send_signal(signal.SIGKILL)
