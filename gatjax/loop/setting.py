@@ -134,7 +134,7 @@ def resolved(settings: LoopSettings) -> LoopSettings:
         for each in given:
             if each not in known:
                 raise ValueError(
-                    f"{name[:-1]} {each!r} is unknown; choose from {list(known)}"
+                    f"{name[:-1]} {each!r} is unknown; choose from {', '.join(known)}"
                 )
         if len(set(given)) != len(given):
             raise ValueError(f"{name} {given} name one twice; name each once")
@@ -169,7 +169,7 @@ def resolved(settings: LoopSettings) -> LoopSettings:
     if settings.backend not in BACKENDS:
         known = ["auto", *BACKENDS]
         raise ValueError(
-            f"backend {settings.backend!r} is unknown; choose from {known}"
+            f"backend {settings.backend!r} is unknown; choose from {', '.join(known)}"
         )
     if settings.impl == "auto":
         settings = dataclasses.replace(settings, impl=_best_impl(settings.backend))
