@@ -60,6 +60,20 @@ def drives(rng, count):
     return laws.Drive(*numbers, terms=terms)
 
 
+def read(p, seen, time):
+    """Readings at the stamps [R, N] -> [R, N, S] of angles [K, R, S]."""
+    p = laws.Drive(*(number[None, None] for number in p[:-1]), terms=p.terms)
+    last = seen.shape[0] - 2.0
+    at = jnp.clip(plant.place(p, time[..., None], LEAD, STEP), 0.0, last)
+    whole = jnp.floor(at)
+    part = (at - whole).astype(seen.dtype)
+    index = whole.astype(jnp.int32)
+    run = jnp.arange(time.shape[0])[:, None, None]
+    sim = jnp.arange(seen.shape[-1])[None, None]
+    q = seen[index, run, sim] * (1.0 - part) + seen[index + 1, run, sim] * part
+    return plant.encoded(p, q)
+
+
 def stepped(p, g, time, geared, drawn):
     """The same by single steps: readings, angle of the link and heat."""
     one = laws.Drive(*(number[None] for number in p[:-1]), terms=p.terms)
@@ -92,7 +106,7 @@ def stepped(p, g, time, geared, drawn):
         seen.append(state.seen(one))
         link.append(state.q)
     seen, link = np.stack(seen), np.stack(link)
-    readings = plant.read(p, jnp.asarray(seen), jnp.asarray(time), LEAD, STEP)
+    readings = read(p, jnp.asarray(seen), jnp.asarray(time))
     return readings, link, state.servo.heat
 
 

@@ -23,7 +23,7 @@ def case_of(angle):
     speed = np.gradient(angle, TIME)
     nothing = np.zeros((len(TIME), 1))
     load = SimpleNamespace(rest=nothing, inertia=nothing + 0.018)
-    motion = Motion(TIME, angle[:, None], speed[:, None], nothing, angle[:, None])
+    motion = Motion(TIME, angle[:, None], speed[:, None], nothing)
     one = joint(wave)._replace(valid=np.ones((1, len(TIME)), bool))
     case = Case.__new__(Case)
     vars(case).update(

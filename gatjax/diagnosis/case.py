@@ -298,21 +298,19 @@ def _resimulated(
     Those of joints that a fit leads far astray are the measured ones, smoothed.
     """
     fine = motions.grid_time(runs, STEP)[:: motions.FINE]
-    angles, read, rests = [], [], []
+    angles, rests = [], []
     for joint, fit in zip(ready, fits, strict=True):
         if fit.rms() >= LED_ASTRAY * joint.noise:
             still = joint.grid.rest[:: motions.FINE]
             angles.append(np.zeros_like(still, np.float32))
-            read.append(angles[-1])
             rests.append(joint.measured)
             continue
         drive = numbers(joint, fit.hypothesis, fit.x)
         outcome = joint.outcome([drive], fit.geared, moving=True)
         angles.append(outcome.angle[:: motions.FINE, :, 0])
-        read.append(joint.read(drive, outcome.angle, fine))
         rests.append(joint.measured - outcome.readings[..., 0])
-    fast, seen, rest = (np.stack(each, -1) for each in (angles, read, rests))
+    fast, rest = np.stack(angles, -1), np.stack(rests, -1)
     return [
-        motions.simulated(run, fine, fast[:, k], seen[:, k], rest[k, : len(run.time)])
+        motions.simulated(run, fine, fast[:, k], rest[k, : len(run.time)])
         for k, run in enumerate(runs)
     ]

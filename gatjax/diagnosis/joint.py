@@ -120,20 +120,6 @@ class Joint(NamedTuple):
             moving,
         )  # fmt: skip
 
-    def read(
-        self, drive: dict[str, float], angle: np.ndarray, time: np.ndarray
-    ) -> np.ndarray:
-        """What an encoder on the link reads at times [M] s of its angle [K, R, 1] rad.
-
-        Row k of the angle is where a step of the simulation begins, as in a motion.
-
-        Returns:
-            [M, R] rad.
-        """
-        stamps = np.tile(time, (angle.shape[1], 1)).astype(np.float32)
-        seen = plant.read(self.packed([drive]), angle, stamps, self.lead + 1, STEP)
-        return np.asarray(seen)[..., 0].T
-
     def packed(self, drives: list[dict[str, float]]) -> laws.Drive:
         """Numbers of many drives as arrays [S]; what is not named is nominal."""
         names = [name for name in laws.Drive._fields if name != "terms"]

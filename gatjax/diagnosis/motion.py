@@ -21,7 +21,6 @@ class Motion(NamedTuple):
     position: np.ndarray
     velocity: np.ndarray
     acceleration: np.ndarray
-    reading: np.ndarray  # what encoders read: with what is known of their errors
 
 
 def smoothed(run: JointRun, angle: np.ndarray, time: np.ndarray) -> Motion:
@@ -45,13 +44,12 @@ def smoothed(run: JointRun, angle: np.ndarray, time: np.ndarray) -> Motion:
         smooth = [scale * np.correlate(q, weights, mode="valid") for q in padded.T]
         series.append(np.stack([np.interp(time, even, s) for s in smooth], -1))
     position, velocity, acceleration = series
-    return Motion(time, position, velocity, acceleration, position)
+    return Motion(time, position, velocity, acceleration)
 
 
 def simulated(
-    run: JointRun, time: np.ndarray, angle: np.ndarray, seen: np.ndarray,
-    rest: np.ndarray,
-) -> Motion:  # fmt: skip
+    run: JointRun, time: np.ndarray, angle: np.ndarray, rest: np.ndarray
+) -> Motion:
     """A simulated motion [M, J], carried to the measured one by a smooth difference.
 
     The simulation has the fast parts that smoothing would lose, the measurement the
@@ -61,7 +59,6 @@ def simulated(
         run: gives the stamps.
         time: [M] s.
         angle: simulated [M, J] rad.
-        seen: what encoders read of it [M, J] rad.
         rest: measured minus simulated readings [N, J] rad at the stamps.
     """
     added = smoothed(run, rest, time)
@@ -71,7 +68,7 @@ def simulated(
     acceleration[1:-1] = np.diff(angle, 2, axis=0) / step**2
     return Motion(
         time, angle + added.position, velocity + added.velocity,
-        acceleration + added.acceleration, seen + added.position,
+        acceleration + added.acceleration,
     )  # fmt: skip
 
 

@@ -215,19 +215,6 @@ def decoded(p: Drive, reading: Array) -> Array:
     return reading / p.scale - p.zero_in - p.zero_out
 
 
-def read(p: Drive, seen: Array, time: Array, lead: int, h: float) -> Array:
-    """Readings at the stamps [R, N] -> [R, N, S] of angles [K, R, S]."""
-    p = Drive(*(number[None, None] for number in p[:-1]), terms=p.terms)
-    at = jnp.clip(place(p, time[..., None], lead, h), 0.0, seen.shape[0] - 2.0)
-    whole = jnp.floor(at)
-    part = (at - whole).astype(seen.dtype)
-    index = whole.astype(jnp.int32)
-    run = jnp.arange(time.shape[0])[:, None, None]
-    sim = jnp.arange(seen.shape[-1])[None, None]
-    q = seen[index, run, sim] * (1.0 - part) + seen[index + 1, run, sim] * part
-    return encoded(p, q)
-
-
 class Outcome(NamedTuple):
     """Of S simulations: readings [R, N, S], angle of the link [K, R, S] rad, heat."""
 

@@ -102,7 +102,7 @@ def trace(
         np.stack([np.interp(time, time[few], s) for s in series[few].T], -1)
         for series in (slope, inertia)
     )
-    motion = Motion(time, position, velocity, acceleration, position)
+    motion = Motion(time, position, velocity, acceleration)
     rest = carried - inertia * acceleration
     return Trace(motion, Load(rest, slope, inertia), moments)
 
