@@ -128,7 +128,7 @@ def run(
     robot = cases[0].robot
     search = single.simulate if cases[0].engine == "single" else rigid.simulate
     plant = PLANTS[cases[0].engine]
-    sights = _share(cases, [first_lanes(case) for case in cases], search, robot)
+    sights = _share([first_lanes(case) for case in cases], search, robot)
     settled = [settle(c, look(c, *pair)) for c, pair in zip(cases, sights, strict=True)]
     cases, looks = zip(*settled, strict=True)
     results: list[Result | None] = [None] * len(cases)
@@ -143,9 +143,8 @@ def run(
             ]
             for index in open_cases
         }
-        chosen = [cases[index] for index in open_cases]
         lanes = [second_lanes(cases[i], values[i]) for i in open_cases]
-        pairs = _share(chosen, lanes, plant, robot)
+        pairs = _share(lanes, plant, robot)
         bad = []
         for index, (ran, histories) in zip(open_cases, pairs, strict=True):
             case, last = cases[index], attempt + 1 == TRIES
@@ -164,7 +163,6 @@ def run(
 
 
 def _share(
-    cases: Sequence[Case],
     lanes: list[list[Lane]],
     plant: Callable,
     robot: Robot,
