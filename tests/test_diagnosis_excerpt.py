@@ -15,7 +15,7 @@ from gatjax.diagnosis.measure import whole_log
 from gatjax.diagnosis.start import Start
 from gatjax.diagnosis.tolerances import USUAL
 from gatjax.robot.model import joint_names
-from gatjax.sim.world import add_cause, nominal
+from gatjax.sim.world import nominal
 from gatjax.task import Task
 
 
@@ -114,10 +114,18 @@ def piece():
     return JointRun(0, time, command, angle, within=True)
 
 
-def test_a_piece_starts_as_it_was_measured(piece):
-    folder = gatjax.surrogate.hidden.__path__[0]
-    world = nominal(Task(control_period=0.01), f"{folder}/arm_servo.xml", 0.0005)
-    world = add_cause(world, "coulomb_friction", ["all"], 50.0)  # it stays
+WEIGHTLESS = """
+<mujoco><option timestep="0.002" gravity="0 0 0"/><worldbody><body>
+  <joint name="a" axis="0 1 0" armature="0.01" damping="0.4"/>
+  <geom size="0.05" pos="0 0 -0.15" mass="0.5"/></body></worldbody>
+<actuator><position joint="a" kp="20" kv="0.2"/></actuator></mujoco>"""
+
+
+def test_a_piece_starts_as_it_was_measured(piece, tmp_path):
+    """Its servo goes where it is told within the lead, and holds the joint there."""
+    path = tmp_path / "arm.xml"
+    path.write_text(WEIGHTLESS)
+    world = nominal(Task(control_period=0.01), path)
     runs = [piece, piece._replace(within=False)]
     first = [angle[0, 0] for angle in whole_log(world, runs)]
     assert first == pytest.approx([0.2, 0.5], abs=1e-3)

@@ -90,9 +90,10 @@ def replayed(
     """Open-loop predictions of runs.
 
     They start at rest, at the first command, or pieces of longer runs at the measured
-    angle; without servos, from the measured angle and speed. Where commands may get
-    lost, they are means over draws. Each run has values of its own, the world's if none
-    are given. A robot that stood predicts nothing (NaN) from its fall on.
+    angle, which their servos are told before; without servos, from the measured angle
+    and speed. A log's clock starts with its first row. Where commands may get lost,
+    they are means over draws. Each run has values of its own, the world's if none are
+    given. A robot that stood predicts nothing (NaN) from its fall on.
     """
     period, follows = world.task.control_period, servoed(world.model)
     lead = round(SETTLE / period) if follows else 0
@@ -103,11 +104,10 @@ def replayed(
         world, own = stiffened(world), [stiffened(each) for each in own]
         stiff = stretched([run.stiff for run in played], lead)
     every = stacked([each.values for each in own])
-    first = [
-        run.angle[0] if run.within else command[0]
-        for run, command in zip(runs, commands, strict=True)
-    ]
-    qpos = np.stack([put_down(world.model, each) for each in first])
+    for told, run in zip(commands, runs, strict=True):
+        if run.within:
+            told[:lead] = run.angle[0]
+    qpos = np.stack([put_down(world.model, told[0]) for told in commands])
     qvel = np.zeros((len(runs), world.model.nv))
     if not follows:
         angles = np.stack([run.angle[0] for run in runs])
