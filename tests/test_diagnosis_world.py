@@ -79,12 +79,12 @@ def world():
     return nominal(Task(control_period=PERIOD), f"{folder}/arm_servo.xml", 0.0005)
 
 
-def logged(world, lead=LEAD):
-    """What the World's encoder says of COMMAND, [N] rad, after `lead` rows at rest."""
-    told = np.concatenate([np.full(lead, COMMAND[0]), COMMAND])[:, None]
+def logged(world):
+    """What the World's encoder says of COMMAND, [N] rad, after `LEAD` rows at rest."""
+    told = np.concatenate([np.full(LEAD, COMMAND[0]), COMMAND])[:, None]
     state = np.zeros(1), np.zeros(1)
-    played = replay_many(world, stacked([world.values]), told, *state)
-    return played.reading.angle[0, lead:, 0]
+    played = replay_many(world, stacked([world.values]), told, *state, lead=LEAD)
+    return played.reading.angle[0, LEAD:, 0]
 
 
 def judged(world, angle):
@@ -171,8 +171,7 @@ def test_a_cause_moves_the_joint_the_same(name, world, plain):
     with jax.numpy_rank_promotion("allow"):
         values = translated(judge, hypothesis, own)
         changed = add_cause(world, hypothesis.cause, where, values)
-        # The log's clock starts with the log.
-        theirs = logged(changed, 0 if hypothesis.cause == "clock_drift" else LEAD)
+        theirs = logged(changed)
         told = simulated(judged(world, theirs), hypothesis, own)
         known = simulated(judged(changed, theirs))
     effect = rms(theirs - angle)

@@ -193,7 +193,8 @@ def _separations(
         model, values = world.model, stacked([world.values] * len(targets))
         qpos = np.stack([put_down(model, target[0]) for target in targets])
         draw = chance.draws(world, commands.shape)[0]
-        rows = replay_many(world, values, commands, qpos, np.zeros(model.nv), draw)
+        still = np.zeros(model.nv)
+        rows = replay_many(world, values, commands, qpos, still, draw, lead=lead)
         played.append(np.asarray(rows.reading.angle)[:, lead:])
         if floats(model):
             falls |= fallen(np.asarray(rows.up)).any(-1)

@@ -113,7 +113,7 @@ def replayed(
         angles = np.stack([run.angle[0] for run in runs])
         speeds = np.stack([_speed(run, slice(BACK), 0) for run in runs])
         qpos, qvel = _started(world, Native(world), angles, speeds)
-    drawn = _drawn(world, every, commands, qpos, qvel, stiff)
+    drawn = _drawn(world, every, commands, qpos, qvel, stiff, lead)
     series = drawn.reading.angle, drawn.velocity, drawn.torque
     means = [each.mean(0) for each in series]
     out = []
@@ -133,7 +133,7 @@ def replayed(
 
 def _drawn(
     world: World, values: Values, commands: np.ndarray, qpos: np.ndarray,
-    qvel: np.ndarray, stiffness: np.ndarray | None,
+    qvel: np.ndarray, stiffness: np.ndarray | None, lead: int,
 ) -> Played:  # fmt: skip
     """What `replay_many` gives for runs [B, ...], with every draw: [D, B, ...]."""
     noise = chance.draws(world, commands.shape)
@@ -147,7 +147,7 @@ def _drawn(
     stiff = None if stiffness is None else each(stiffness)
     draw = noise.reshape(-1, *noise.shape[2:])
     played = replay_many(
-        world, every, each(commands), each(qpos), each(qvel), draw, stiff
+        world, every, each(commands), each(qpos), each(qvel), draw, stiff, lead
     )
     return jax.tree.map(lambda a: np.reshape(a, (*count, *np.shape(a)[1:])), played)
 

@@ -134,7 +134,7 @@ def misalignment() -> Effect:
     return memoryless(change)
 
 
-def drifted(angle: Array, drift: Array, period: float) -> Array:
+def drifted(angle: Array, drift: Array) -> Array:
     """A log [T, J] rad whose clock runs away: row t holds the angle at t (1 - drift).
 
     `drift` is [J] in s/s; outside the log its ends are held. Between two rows, a cubic

@@ -92,7 +92,7 @@ class Simulator:
         qpos = np.stack([put_down(world.model, first) for first in targets[:, 0]])
         values = stacked([world.values] * len(targets))
         still = np.zeros(world.model.nv)
-        rows = replay_many(world, values, commands, qpos, still, noise)
+        rows = replay_many(world, values, commands, qpos, still, noise, lead=before)
         reading = Reading(*(field[:, before:] for field in rows.reading))
         base = Base(*(field[:, before:] for field in rows.base))
         time = np.arange(targets.shape[1]) * world.task.control_period

@@ -359,7 +359,7 @@ def replay(world: World, impl: str = "jax", robots: int = 1) -> Callable[..., Ar
         carry = (state, data, motor_state, begin)
         log = jnp.concatenate([angles, jax.lax.scan(tick, carry, commands[warm:])[1]])
         for drift in values.log.values() if values.log else ():
-            played = drifted(log, drift, world.task.control_period)[warm:]
+            played = drifted(log, drift)[warm:]
             log = jnp.concatenate([angles, played])
         return log[warm:]
 

@@ -385,7 +385,6 @@ class Native:
         """Apply the drift of the log's clock to rows that follow rows `before`."""
         for drift in values.log.values() if values.log else ():
             log = np.concatenate([before, played], axis=1)
-            period = self.world.task.control_period
-            rows = [drifted(row, drift, period) for row in log]
+            rows = [drifted(row, drift) for row in log]
             played = np.stack(rows)[:, before.shape[1] :]
         return played

@@ -35,6 +35,7 @@ class Plan(NamedTuple):
     where: Any  # Slots
     servos: Any  # Actuation, or one that is Compiled
     command: Effect
+    lead: int
 
 
 class Told(NamedTuple):
@@ -53,6 +54,7 @@ def replay_many(
     qvel: Array,
     noise: Array | None = None,
     stiffness: Array | None = None,
+    lead: int = 0,
 ) -> Played:
     """Play recorded commands from the first row on.
 
@@ -65,6 +67,7 @@ def replay_many(
         noise: [N, T, J] unit draws of the command effects (`drive.loss`); zeros if
             left out. Sensors have no noise here.
         stiffness: [N, T, J] share of the servos' gains; in a `stiffened` world.
+        lead: rows before the log, whose clock starts with the row after them.
 
     Returns:
         Rows [N, T] as in a recording: row t is measured when command t comes into
@@ -79,7 +82,8 @@ def replay_many(
     draws = np.zeros_like(commands) if noise is None else np.asarray(noise)
     stiff = np.ones_like(commands) if stiffness is None else np.asarray(stiffness)
     told = Told(commands, draws, stiff)
-    plan = Plan(world, find_slots(world.model), actuation(world), _command(world))
+    servos = actuation(world)
+    plan = Plan(world, find_slots(world.model), servos, _command(world), lead)
     physics = _physics(world, values, count)
     physics.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
     physics.qpos[:], physics.qvel[:] = qpos, qvel
@@ -223,10 +227,9 @@ def _measured(
     up = _sensed(plan, values, turned, learned=False).gyro
     reading = _sensed(plan, values, reading)
     for drift in values.log.values() if values.log else ():
-        period = plan.world.task.control_period
-        pairs = zip(reading.angle, drift, strict=True)
-        angle = np.stack([drifted(log, each, period) for log, each in pairs])
-        reading = reading._replace(angle=angle)
+        before, log = np.split(reading.angle, [plan.lead], axis=1)
+        log = np.stack([drifted(*each) for each in zip(log, drift, strict=True)])
+        reading = reading._replace(angle=np.concatenate([before, log], axis=1))
     return Played(
         reading=reading,
         velocity=rows["qvel"][..., where.velocity],
