@@ -69,3 +69,30 @@ def test_motions_to_log_next_are_compared_from_their_first_row_on(plain, angle):
     assert apart == pytest.approx(
         rms(np.interp(0.98 * TIME, TIME, angle) - angle), abs=CLOSE
     )
+
+
+@pytest.mark.parametrize("drift", [0.005, 0.02, -0.01])
+def test_what_a_clock_has_drifted_so_far_counts_ahead_of_a_measured_state(
+    drift, plain, angle
+):
+    told = TIME * (1.0 - drift)
+    known = told <= TIME[-1]
+    seen = np.interp(told, TIME, angle)[known, None]
+    run = JointRun(3, 40.0 + TIME[known], COMMAND[known], seen)
+    cut = measure.windows([HELD._replace(angle=angle[:, None]), run], PERIOD)
+    assert cut is not None
+    mine = np.flatnonzero(cut.block >= measure.APART)
+    mine = mine[TIME[known][-1] > np.arange(len(mine)) * 0.1 * (1.0 - drift) + 0.75]
+    errors = [
+        [
+            measure.window_errors(cut, played, horizon, PERIOD).squared[mine]
+            for horizon in measure.HORIZONS
+        ]
+        for played in (
+            measure.windowed(world, cut, PERIOD)
+            for world in (plain, drifting(plain, drift))
+        )
+    ]
+    nominal, true = (np.sqrt(np.mean(each, axis=(1, 2))) for each in errors)
+    assert nominal[0] > 0.03
+    assert (true < 2e-3).all()

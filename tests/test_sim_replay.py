@@ -247,6 +247,28 @@ def test_replay_of_windows_is_replay_of_rows(backends, arm):
     np.testing.assert_allclose(windows[:, :-1], rows[:, 1:], rtol=0, atol=1e-9)
 
 
+@pytest.mark.parametrize("drift", [0.03, -0.03])
+def test_a_window_drifts_from_the_state_it_starts_in(drift, arm):
+    """However long its effects are warmed up: what was measured has drifted already."""
+    good, bad = (
+        add_cause(arm, "clock_drift", ["all"], {"drift": each}) for each in (0.0, drift)
+    )
+    warm = 20
+    calm = 0.5 * np.hstack([1.0 - np.cos(5.0 * TIME), np.cos(4.0 * TIME) - 1.0])
+    commands = np.concatenate([np.zeros((warm, 2)), calm])[None]
+    state = np.zeros((1, warm, 2)), np.zeros((1, 2)), np.zeros((1, 2))
+    plain = prepare(good).replay(good.values, commands, *state)[0]
+    rows = np.arange(len(plain) + 1)
+    told = [np.interp(rows * (1.0 - drift), rows, np.append(0.0, joint))[1:]
+            for joint in plain.T]  # fmt: skip
+    for name in ("native", "mjx"):
+        played = prepare(bad, name).replay(bad.values, commands, *state)
+        seen = np.asarray(played)[0]
+        known = rows[1:] * (1.0 - drift) <= rows[-1]
+        assert np.abs(seen - plain).max() > 0.01
+        np.testing.assert_allclose(seen[known], np.stack(told, 1)[known], atol=1e-3)
+
+
 # Servos without a torque limit
 
 

@@ -162,13 +162,16 @@ def fallen(up: np.ndarray) -> np.ndarray:
 
 
 class Windows(NamedTuple):
-    """Pieces of logs: commands [B, W + T, J], angles [B, W + T, J], starts, blocks."""
+    """Pieces of logs, B of them: W rows up to the measured start, T that follow."""
 
-    command: np.ndarray
-    angle: np.ndarray
+    command: np.ndarray  # [B, W + T, J] rad
+    angle: np.ndarray  # [B, W + T, J] rad
     stiffness: np.ndarray  # [B, W + T, J]
     velocity: np.ndarray  # [B, J] rad/s at the start
-    block: np.ndarray
+    block: np.ndarray  # [B]
+    number: np.ndarray  # [B] of the run
+    start: np.ndarray  # [B] s from the first row of the run to the start
+    runs: list[JointRun]
 
 
 def windows(runs: list[JointRun], period: float) -> Windows | None:
@@ -187,10 +190,12 @@ def windows(runs: list[JointRun], period: float) -> Windows | None:
             slope = _speed(run, past, first + warm - 1)
             block = number * APART + int(run.time[first] / BLOCK)
             series = run.command[part], run.angle[part], run.stiff[part]
-            rows.append((*series, slope, block))
+            start = run.time[first + warm - 1] - run.time[0]
+            rows.append((*series, slope, block, number, start))
     if not rows:
         return None
-    return Windows(*(np.array(column) for column in zip(*rows, strict=True)))
+    columns = (np.array(column) for column in zip(*rows, strict=True))
+    return Windows(*columns, runs=runs)
 
 
 def _speed(run: JointRun, rows: slice, at: int) -> np.ndarray:
@@ -217,23 +222,56 @@ def _started(
 def windowed(world: World, cut: Windows, period: float) -> np.ndarray:
     """Predictions [B, T, J] rad of windows, each from its measured start.
 
-    The joints start where the world's encoders report what was measured.
+    The joints start where the world's encoders report what was measured, at the time
+    at which its clock says that it was.
     """
-    warm = round(WARM / period) + BACK
-    world = world if (cut.stiffness == 1.0).all() else stiffened(world)
+    warm, rate = round(WARM / period) + BACK, _rate(world)
+    # Row t holds the angle when command t comes into force: command warm - 1 acts
+    # from the start on.
+    commands, stiff = _in_force(cut, rate, period)
+    world = world if (stiff == 1.0).all() else stiffened(world)
     native, count = Native(world), world.model.nu
     rows = native.behind(world.values, cut.angle[:, :warm].reshape(-1, count))
     angles = rows.reshape(len(cut.angle), warm, -1)
-    qpos, qvel = _started(world, native, cut.angle[:, warm - 1], cut.velocity)
-    # Row t holds the angle when command t comes into force: command warm - 1 acts
-    # from the start on.
-    commands = cut.command[:, :-1]
-    stiff = cut.stiffness[:, :-1]
+    speed = cut.velocity / rate
+    qpos, qvel = _started(world, native, cut.angle[:, warm - 1], speed)
     drawn = [
         native.replay(world.values, commands, angles[:, :-1], qpos, qvel, stiff, noise)
         for noise in chance.draws(world, commands.shape)
     ]
-    return np.mean(drawn, axis=0)
+    return np.mean(drawn, axis=0)[:, : cut.angle.shape[1] - warm]
+
+
+def _rate(world: World) -> float:
+    """True seconds in a second of the log's clock, which is that of all joints."""
+    drifts = world.values.log.values() if world.values.log else ()
+    return float(np.prod([1.0 - drift[0] for drift in drifts]))
+
+
+def _in_force(
+    cut: Windows, rate: float, period: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Commands rad and stiffness [B, rows, J] that led to the angles of windows.
+
+    There are W + T - 1 rows, and more where a second of the log is longer than a true
+    one. A start that is stamped t was at rate t, and so is what was in force around it;
+    between two rows, it is the mean over a tick.
+    """
+    if rate == 1.0:
+        return cut.command[:, :-1], cut.stiffness[:, :-1]
+    warm, length = round(WARM / period) + BACK, cut.command.shape[1]
+    more = int(np.ceil(max(0.0, rate - 1.0) * (length - warm)))
+    ahead = period * (np.arange(length - 1 + more) - (warm - 1))
+    rows = []
+    for number, start in zip(cut.number, cut.start, strict=True):
+        run = cut.runs[number]
+        true, stamps = rate * start + ahead, run.time - run.time[0]
+        rows.append([
+            np.stack([np.interp(true, stamps, column) for column in series.T], -1)
+            for series in (run.command, run.stiff)
+        ])  # fmt: skip
+    command, stiff = (np.stack(column) for column in zip(*rows, strict=True))
+    return command, stiff
 
 
 def learned_windows(forward: Network, cut: Windows, period: float) -> np.ndarray:

@@ -310,7 +310,7 @@ def replay(world: World, impl: str = "jax", robots: int = 1) -> Callable[..., Ar
     angles; then the physics starts at qpos, qvel and plays the other T - W commands.
     It returns the joint angles [T - W, J] after each of those ticks, rad, as the
     encoders report them: after the sensor effects, without noise, drift counted from
-    the first command.
+    qpos, qvel: what was measured there has drifted already.
     """
     base_model, base_data = bare_data(world, impl, robots)
     where = find_slots(world.model)
@@ -355,12 +355,14 @@ def replay(world: World, impl: str = "jax", robots: int = 1) -> Callable[..., Ar
             )
             return (state, data, motor_state, sensor_state), sensed.reading.angle
 
-        begin = sensor.init(values.sensor, measured(data, motor_state))
+        now = measured(data, motor_state)
+        begin = sensor.init(values.sensor, now)
+        _, first = sensor.apply(values.sensor, begin, now)
         carry = (state, data, motor_state, begin)
-        log = jnp.concatenate([angles, jax.lax.scan(tick, carry, commands[warm:])[1]])
+        played = jax.lax.scan(tick, carry, commands[warm:])[1]
+        log = jnp.concatenate([first.reading.angle[None], played])
         for drift in values.log.values() if values.log else ():
-            played = drifted(log, drift)[warm:]
-            log = jnp.concatenate([angles, played])
-        return log[warm:]
+            log = drifted(log, drift)
+        return log[1:]
 
     return one

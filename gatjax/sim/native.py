@@ -346,7 +346,7 @@ class Native:
         physics.qpos[:], physics.qvel[:] = qpos, qvel
         servos = functools.partial(self._motor, values)
         state, motor = self._init(values, commands[:, 0], angles[:, 0])
-        warm, played, sense = angles.shape[1], [], None
+        warm, log, sense = angles.shape[1], [], None
         given = np.ones(np.shape(commands)) if stiffness is None else stiffness
         drawn = np.zeros(np.shape(commands)) if noise is None else noise
         for index in range(commands.shape[1]):
@@ -356,7 +356,8 @@ class Native:
                 angle = physics.qpos[:, self._where.position]
                 velocity = physics.qvel[:, self._where.velocity]
                 if sense is None:
-                    sense, _ = self._report(values, None, motor, angle)
+                    sense, measured = self._report(values, None, motor, angle)
+                    log.append(np.asarray(measured))
                 angle = self._servos.seen(values, motor, angle)
             state, target = self._command(
                 values, state, commands[:, index], angle, velocity, drawn[:, index]
@@ -368,8 +369,8 @@ class Native:
             motor = self._advance(physics, servos, motor, target, None, given[:, index])
             angle = physics.qpos[:, self._where.position]
             sense, measured = self._report(values, sense, motor, angle)
-            played.append(np.asarray(measured))
-        return self._logged(values, angles, np.stack(played, axis=1))
+            log.append(np.asarray(measured))
+        return self._logged(values, np.stack(log, axis=1))[:, 1:]
 
     def behind(self, values: Values, readings: Array) -> np.ndarray:
         """Joint angles [B, J] rad that encoders at rest report as readings [B, J]."""
@@ -381,10 +382,8 @@ class Native:
             angle = angle + readings - np.asarray(measured)
         return angle
 
-    def _logged(self, values: Values, before: Array, played: np.ndarray) -> np.ndarray:
-        """Apply the drift of the log's clock to rows that follow rows `before`."""
+    def _logged(self, values: Values, log: np.ndarray) -> np.ndarray:
+        """Apply the drift of the log's clock to logs [B, T, J]."""
         for drift in values.log.values() if values.log else ():
-            log = np.concatenate([before, played], axis=1)
-            rows = [drifted(row, drift) for row in log]
-            played = np.stack(rows)[:, before.shape[1] :]
-        return played
+            log = np.stack([drifted(row, drift) for row in log])
+        return log
