@@ -7,7 +7,7 @@ from gatjax.data.trajectories import split_by_trajectory, to_recording
 from gatjax.grounding import prediction
 from gatjax.loop import Simulator
 from gatjax.loop.bound import BOUND, LOOSE, PARTS, WORSE, _least, bounded, motors
-from gatjax.loop.ground import HELD_OUT, WINDOWS
+from gatjax.loop.ground import HELD_OUT, WINDOWS, measured
 from gatjax.records import JOINTS
 from gatjax.robot.nao import LEG_PITCH, WALKING_JOINTS, motor_of
 from gatjax.sim.backend import prepare
@@ -47,7 +47,7 @@ def test_each_kind_of_motor_that_walks_is_bounded(found):
 def test_a_bound_is_the_least_that_predicts_the_walks(found, walks):
     world = nominal(TASK)
     seen, _ = split_by_trajectory(walks.trajectory, HELD_OUT, SEED)
-    windows = prediction.cut(world, walks, seen, WINDOWS, SEED)
+    windows = prediction.cut(world, measured(walks), seen, WINDOWS, SEED)
 
     def error(limit):
         tried = add_cause(world, BOUND, PITCH, limit)
@@ -68,6 +68,12 @@ def test_walks_that_only_test_predictions_do_not_count(found, walks):
     assert rows.any()
     for joint in WALKING_JOINTS:
         spoilt.columns[f"position.{joint}"][rows] += 0.3
+    assert limits(bounded(nominal(TASK), spoilt, SEED)) == limits(found)
+
+
+def test_where_the_torso_truly_was_does_not_count(found, walks):
+    spoilt = walks._replace(columns={k: v.copy() for k, v in walks.columns.items()})
+    spoilt.columns["base.z"] += 0.05
     assert limits(bounded(nominal(TASK), spoilt, SEED)) == limits(found)
 
 

@@ -203,6 +203,22 @@ def test_a_correction_is_taken_as_far_as_it_helps(robot, run, monkeypatch):
     assert helpful(world, with_alpha(whole, 0.0), log, 0).facts["alpha"] == 0.0
 
 
+def test_where_the_torso_truly_was_chooses_no_alpha(run, monkeypatch):
+    grounding = read_grounding(run[0] / "grounding/explained_0")
+    world, _ = read_world(run[0] / "extended.json", SHORT)
+    log = read_recording(run[0] / "recordings/robot_0.parquet")
+    assert "base.z" in log.columns
+    taken, cut = [], prediction.cut
+
+    def noted(world, recording, *rest):
+        taken.extend(recording.columns)
+        return cut(world, recording, *rest)
+
+    monkeypatch.setattr(prediction, "cut", noted)
+    helpful(world, with_alpha(grounding, 1.0), log, 0)
+    assert taken and not [name for name in taken if name.startswith("base.")]
+
+
 def test_a_run_that_is_done_is_not_diagnosed_again(run, robot, tmp_path, monkeypatch):
     shutil.copytree(run[0], tmp_path / "run")
     again = Diagnosis()

@@ -15,7 +15,7 @@ import numpy as np
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import split_by_trajectory
 from gatjax.grounding import prediction
-from gatjax.loop.ground import HELD_OUT, WINDOWS
+from gatjax.loop.ground import HELD_OUT, WINDOWS, measured
 from gatjax.records import JOINTS
 from gatjax.robot.nao import WALKING_JOINTS, Motor, motor_of
 from gatjax.sim import causes, derived
@@ -46,7 +46,7 @@ def bounded(world: World, walks: Recording, seed: int) -> World:
         ValueError: a prediction diverges without any bound.
     """
     seen, _ = split_by_trajectory(walks.trajectory, HELD_OUT, seed)
-    windows = prediction.cut(world, walks, seen, WINDOWS, seed)
+    windows = prediction.cut(world, measured(walks), seen, WINDOWS, seed)
     kinds, step = motors(world), world.task.control_period
     loose = [(joints, LOOSE) for joints, _ in kinds]
     backend = prepare(_limited(world, loose), "native")

@@ -135,20 +135,28 @@ def played(
     ]  # fmt: skip
 
 
+def measured(recording: Recording) -> Recording:
+    """A log as its robot measured it: the torso's pose (`base.*`) is for scoring.
+
+    Stand-ins and simulators write that down, too. Nothing is fitted to it.
+    """
+    columns = recording.columns.items()
+    return recording._replace(
+        columns={key: v for key, v in columns if not key.startswith("base.")}
+    )
+
+
 def step_error(
     world: World, robot: Recording, simulator: Recording, seen: Array, seed: int
 ) -> Array:
     """RMS one-step error [13] rad of the simulator on a robot's trajectories.
 
     What the replay misses on the simulator's own runs (states are estimated from
-    encoders and posture) is no reality gap and is taken off. Only columns that a robot
-    measures are used: the torso's pose is for scoring.
+    encoders and posture) is no reality gap and is taken off.
     """
     step, backend, squares = world.task.control_period, prepare(world, "native"), []
     for log, ids in ((robot, seen), (simulator, np.unique(simulator.trajectory))):
-        columns = {k: v for k, v in log.columns.items() if not k.startswith("base.")}
-        measured = log._replace(columns=columns)
-        windows = prediction.cut(world, measured, ids, WINDOWS, seed)
+        windows = prediction.cut(world, measured(log), ids, WINDOWS, seed)
         error = prediction.errors(backend, world.values, windows, step)
         squares.append(np.array([error[j, step] ** 2 for j in WALKING_JOINTS]))
     return np.sqrt(np.maximum(squares[0] - squares[1], 0.0))
@@ -181,7 +189,7 @@ def helpful(
         return grounding
     seen, _ = split_by_trajectory(robot.trajectory, HELD_OUT, seed)
     step = world.task.control_period
-    windows = prediction.cut(world, robot, seen, WINDOWS, seed)
+    windows = prediction.cut(world, measured(robot), seen, WINDOWS, seed)
     backend = prepare(grounders.grounded(world, grounding), "native")
     most = grounding.facts.get("alpha", 0.0)
 
