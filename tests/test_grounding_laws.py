@@ -117,12 +117,27 @@ def test_the_replay_of_the_simulator_itself_is_nearly_exact(world, logs):
     assert max(error.values()) < np.deg2rad(0.6)
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "larger"),
+    [("encoder_offset", 0.05, 1.0), ("encoder_scale", 0.9, 0.9)],
+)
+def test_windows_start_where_encoders_say_what_was_recorded(name, value, larger, world):
+    """The robot walks the same; its log is predicted as well as that of the other."""
+    found = []
+    for each in (world, add_cause(world, name, ["LKneePitch"], value)):
+        windows = prediction.cut(each, recording_of(each, 4), np.arange(RUNS), 60, 0)
+        error = prediction.errors(prepare(each, "native"), each.values, windows, 0.02)
+        found.append(error["LKneePitch", 0.02])
+    assert found[1] == pytest.approx(larger * found[0], abs=1e-5)
+
+
 def test_a_log_without_the_torso_pose_will_do(world, logs):
     """A real NAO does not know where its torso is; its posture tells enough."""
     log = logs["twin"]
     columns = {k: v for k, v in log.columns.items() if not k.startswith("base.")}
-    guessed = prediction.base_poses(world, log._replace(columns=columns))
-    known = prediction.base_poses(world, log)
+    angle = np.stack([log.columns[f"position.{joint}"] for joint in JOINTS], -1)
+    guessed = prediction.base_poses(world, log._replace(columns=columns), angle)
+    known = prediction.base_poses(world, log, angle)
     assert np.abs(guessed[:, 2] - known[:, 2]).max() < 0.01
     found = []
     for recording in (log, log._replace(columns=columns)):

@@ -24,7 +24,8 @@ import pytest
 from mujoco import batch
 
 from gatjax.effects.catalogue import CATALOGUE
-from gatjax.effects.effect import memoryless
+from gatjax.effects.effect import Effect, memoryless
+from gatjax.robot.model import slots
 from gatjax.sim.backend import costs, pairs, prepare
 from gatjax.sim.native import Native
 from gatjax.sim.shares import joined
@@ -238,6 +239,25 @@ def test_replay_obeys_the_effects(native, recorded):
     values, _, arguments = recorded
     plain = native.replay(build([]).values, *arguments)
     assert np.abs(plain - native.replay(values, *arguments)).max() > 0.01
+
+
+def test_a_correction_sees_what_encoders_report(policies, keys):
+    """In a replay as in the closed loop."""
+
+    def apply(gain, first, signal):
+        turned = signal.angle + first
+        return first, signal._replace(target=signal.target + gain * turned)
+
+    follow = Effect(lambda gain, signal: signal.angle, apply)
+    world = add_command(nominal(TASK), "follow", follow, 0.1)
+    world = add_cause(world, "encoder_offset", ["LKneePitch", "RHipPitch"], 0.1)
+    native = prepare(world)
+    walk, (commands, _, qpos, qvel) = window(native, world.values, policies, keys)
+    angle = qpos[:, None, slots(world.model).position]
+    played = native.replay(world.values, commands, angle, qpos, qvel)
+    ticks = walk.alive.sum(1).min() - 1
+    expected = walk.reading.angle[:, 1 : ticks + 1]
+    np.testing.assert_allclose(played[:, :ticks], expected, rtol=0, atol=1e-9)
 
 
 # The bare world, and batches of policies and keys

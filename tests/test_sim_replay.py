@@ -7,12 +7,20 @@ import numpy as np
 import pytest
 
 from gatjax.effects.catalogue import CATALOGUE
+from gatjax.effects.effect import Effect
 from gatjax.robot.model import slots
 from gatjax.sim import replay
 from gatjax.sim.backend import prepare
 from gatjax.sim.replay import replay_many
 from gatjax.sim.stored import read_world, write_world
-from gatjax.sim.world import add_cause, fields_applied, nominal, stacked, stiffened
+from gatjax.sim.world import (
+    add_cause,
+    add_command,
+    fields_applied,
+    nominal,
+    stacked,
+    stiffened,
+)
 from gatjax.task import Task
 
 MODEL = """
@@ -195,8 +203,18 @@ MIX = [
 ]  # fmt: skip
 
 
+def follow():
+    """A correction of commands by what the encoders report."""
+
+    def apply(gain, first, signal):
+        turned = signal.angle + first
+        return first, signal._replace(target=signal.target + gain * turned)
+
+    return Effect(lambda gain, signal: signal.angle, apply)
+
+
 def mixed(arm, strong):
-    world = arm
+    world = add_command(arm, "follow", follow(), 0.3 * ("follow" in strong))
     for name in MIX:
         full = VALUES[name]
         values = full if name in strong else neutral(name, full)
@@ -219,6 +237,7 @@ def backends(arm):
     ["thermal_derating", "supply_sag", "speed_limit", "torque_limit"],
     ["torque_saturation"], ["current_limit"],
     ["encoder_offset", "encoder_scale", "measurement_delay", "clock_drift"],
+    ["follow", "encoder_offset", "encoder_scale", "measurement_delay"],
     MIX,
 ], ids=lambda names: "-".join(names[:2]))  # fmt: skip
 def test_both_backends_measure_the_same(strong, backends, arm):
@@ -267,6 +286,20 @@ def test_a_window_drifts_from_the_state_it_starts_in(drift, arm):
         known = rows[1:] * (1.0 - drift) <= rows[-1]
         assert np.abs(seen - plain).max() > 0.01
         np.testing.assert_allclose(seen[known], np.stack(told, 1)[known], atol=1e-3)
+
+
+def test_a_correction_sees_what_encoders_report(arm):
+    """So a wrong zero shifts what servos are told, by what it saw first, too."""
+    plain = add_command(arm, "follow", follow(), 0.2)
+    askew = add_cause(plain, "encoder_offset", ["a"], 0.1)
+    expected = play(plain, commands=COMMAND + np.array([0.04, 0.0]))
+    expected = expected.reading.angle + np.array([0.1, 0.0])
+    rows = play(askew).reading.angle
+    np.testing.assert_allclose(rows, expected, rtol=0, atol=1e-6)
+    commands = np.concatenate([COMMAND[:1], COMMAND])[None]
+    state = np.zeros((1, 1, 2)), np.zeros((1, 2)), np.zeros((1, 2))
+    windows = prepare(askew).replay(askew.values, commands, *state)
+    np.testing.assert_allclose(windows[:, :-1], expected[:, 1:], rtol=0, atol=1e-6)
 
 
 # Servos without a torque limit

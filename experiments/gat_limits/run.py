@@ -51,10 +51,8 @@ def errors(world: World, log: Recording) -> tuple[np.ndarray, prediction.Windows
     """Errors [W, T, 13] rad of a world on pieces of a log, and the pieces."""
     ids = np.unique(log.trajectory)
     windows = prediction.cut(world, log, ids, WINDOWS, 7)
-    warm = windows.angle[:, : prediction.WARM]
-    found = prepare(world).replay(
-        world.values, windows.command, warm, windows.qpos, windows.qvel
-    )
+    start = windows.warm, windows.qpos, windows.qvel
+    found = prepare(world).replay(world.values, windows.command, *start)
     apart = np.asarray(found) - windows.angle[:, prediction.WARM + 1 :]
     return apart[..., WALKING], windows
 

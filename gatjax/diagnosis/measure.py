@@ -22,9 +22,8 @@ from gatjax.grounding.gat import learn_forward, next_angle
 from gatjax.grounding.network import Network
 from gatjax.grounding.transitions import HISTORY
 from gatjax.records import Played
-from gatjax.robot.model import servoed, slots
-from gatjax.sim.episode import coupled_speed
-from gatjax.sim.limbs import floats, put_down
+from gatjax.robot.model import servoed
+from gatjax.sim.limbs import floats, moving, put_down
 from gatjax.sim.native import Native
 from gatjax.sim.replay import replay_many
 from gatjax.sim.world import Values, World, stacked, stiffened
@@ -212,11 +211,8 @@ def _started(
     now = native.behind(world.values, angle)
     later = native.behind(world.values, angle + BRIEF * speed)
     qpos = np.stack([put_down(model, each) for each in now])
-    qvel = np.zeros((len(qpos), model.nv))
-    qvel[:, slots(model).velocity] = (later - now) / BRIEF
-    follower, follows = coupled_speed(model, qpos, qvel)
-    qvel[:, follower] = follows
-    return qpos, qvel
+    still = np.zeros((len(qpos), model.nv))
+    return moving(model, qpos, still, now, (later - now) / BRIEF)
 
 
 def windowed(world: World, cut: Windows, period: float) -> np.ndarray:

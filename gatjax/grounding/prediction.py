@@ -13,7 +13,9 @@ from gatjax.grounding.transitions import HISTORY
 from gatjax.records import JOINTS
 from gatjax.robot.nao import WALKING, WALKING_JOINTS
 from gatjax.sim.backend import Backend
-from gatjax.sim.episode import coupled, coupled_speed
+from gatjax.sim.episode import coupled
+from gatjax.sim.limbs import moving
+from gatjax.sim.native import Native
 from gatjax.sim.world import World
 
 Array = Any
@@ -25,7 +27,8 @@ class Windows(NamedTuple):
     """Pieces of recordings to be replayed."""
 
     command: Array  # [W, T, J] rad
-    angle: Array  # [W, T, J] rad
+    angle: Array  # [W, T + 1, J] rad, recorded
+    warm: Array  # [W, WARM, J] rad, where the joints were when that was recorded
     qpos: Array  # [W, nq] physics state at the sample after the warm-up
     qvel: Array  # [W, nv]
     row: Array  # [W] int, of the recording: the sample at which the physics starts
@@ -52,28 +55,25 @@ def _state(world: World, angle: Array, base: Array, seconds: float) -> tuple:
     predicted must not enter the state.
     """
     model = world.model
-    slots = model.jnt_qposadr[model.actuator_trnid[:, 0]]
-    dofs = model.jnt_dofadr[model.actuator_trnid[:, 0]]
     qpos = np.zeros((len(angle), model.nq))
     qvel = np.zeros((len(angle), model.nv))
     qpos[:, :7] = base[:, 2]
-    qpos[:, slots] = angle[:, 2]
-    follower, follows = coupled(model, qpos)
-    qpos[:, follower] = follows
     qvel[:, :3] = _slope(base[..., :3], seconds)
     qvel[:, 3:6] = _spin(base[:, 1, 3:], base[:, 2, 3:], seconds)
-    qvel[:, dofs] = _slope(angle, seconds)
-    follower, follows = coupled_speed(model, qpos, qvel)
-    qvel[:, follower] = follows
-    return qpos, qvel
+    return moving(model, qpos, qvel, angle[:, 2], _slope(angle, seconds))
 
 
-def base_poses(world: World, recording: Recording) -> Array:
+def base_poses(world: World, recording: Recording, angle: Array) -> Array:
     """Torso poses [N, 7] of a recording: position m, quaternion w x y z.
 
     A robot seldom knows them. Where the recording has no `base.*` columns, the torso
     has the attitude of `orientation.roll` and `.pitch` (upright without), the lower
     sole is on the floor, and the torso does not travel: enough for half a second.
+
+    Args:
+        world: whose model stands on the floor.
+        recording: of N rows.
+        angle: [N, J] rad, of its joints.
     """
     names = [f"base.{part}" for part in ("x", "y", "z", "qw", "qx", "qy", "qz")]
     columns = recording.columns
@@ -86,13 +86,12 @@ def base_poses(world: World, recording: Recording) -> Array:
     base[:, 4] = np.sin(roll / 2) * np.cos(pitch / 2)
     base[:, 5] = np.cos(roll / 2) * np.sin(pitch / 2)
     base[:, 6] = -np.sin(roll / 2) * np.sin(pitch / 2)
-    base[:, 2] = _standing_height(world.model, base, recording)
+    base[:, 2] = _standing_height(world.model, base, angle)
     return base
 
 
-def _standing_height(model: mujoco.MjModel, base: Array, recording: Recording) -> Array:
+def _standing_height(model: mujoco.MjModel, base: Array, angle: Array) -> Array:
     """Torso height [N] m that puts the lowest collision sphere on the floor."""
-    angle = np.stack([recording.columns[f"position.{name}"] for name in JOINTS], -1)
     slots = model.jnt_qposadr[model.actuator_trnid[:, 0]]
     feet = (model.geom_conaffinity > 0) & (model.geom_bodyid > 0)
     data, height = mujoco.MjData(model), np.zeros(len(base))
@@ -110,6 +109,8 @@ def cut(
 ) -> Windows:
     """Draw windows of the warm-up plus 0.5 s from held-out trajectories.
 
+    The joints are where the world's encoders report what was recorded.
+
     Args:
         world: whose model is replayed; its control period must be the recording's.
         recording: of a floating-base robot.
@@ -119,7 +120,9 @@ def cut(
     """
     seconds = world.task.control_period
     length = WARM + round(HORIZON / seconds)
-    base = base_poses(world, recording)
+    recorded = np.stack([recording.columns[f"position.{j}"] for j in JOINTS], axis=-1)
+    turned = Native(world).behind(world.values, recorded)
+    base = base_poses(world, recording, turned)
     generator = np.random.default_rng(seed)
     runs = [
         (run, np.flatnonzero(recording.trajectory == run.trajectory))
@@ -133,20 +136,22 @@ def cut(
         run, rows = runs[number % len(runs)]
         first = generator.integers(0, len(run.time) - length)
         now = first + WARM  # sample at which the physics starts
+        around = rows[now - 2 : now + 1]
         pieces.append(
             (
                 run.command[first : first + length],
                 run.angle[first : first + length + 1],
-                run.angle[now - 2 : now + 1],
-                base[rows[now - 2 : now + 1]],
+                turned[rows[first:now]],
+                turned[around],
+                base[around],
                 rows[now],
             )
         )
-    command, angle, around, pose, row = (
+    command, angle, warm, joints, pose, row = (
         np.stack(part) for part in zip(*pieces, strict=True)
     )
-    qpos, qvel = _state(world, around, pose, seconds)
-    return Windows(command, angle, qpos, qvel, row)
+    qpos, qvel = _state(world, joints, pose, seconds)
+    return Windows(command, angle, warm, qpos, qvel, row)
 
 
 def errors(backend: Backend, values: Any, windows: Windows, seconds: float) -> dict:
@@ -155,10 +160,8 @@ def errors(backend: Backend, values: Any, windows: Windows, seconds: float) -> d
     Returns:
         {(joint, horizon in s): error in rad}.
     """
-    warm = windows.angle[:, :WARM]
-    predicted = np.asarray(
-        backend.replay(values, windows.command, warm, windows.qpos, windows.qvel)
-    )
+    start = windows.warm, windows.qpos, windows.qvel
+    predicted = np.asarray(backend.replay(values, windows.command, *start))
     error = predicted - windows.angle[:, WARM + 1 :]
     found = {}
     for steps in (1, error.shape[1]):

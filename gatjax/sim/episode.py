@@ -166,11 +166,14 @@ def open_loop(
     still = jnp.zeros_like(plant.velocity)
     angle = drawn.pose[joints_of(world.model)]
     signal = Signal(angle, plant.reading.angle, plant.velocity, still)
-    silent = jax.tree.map(jnp.zeros_like, plant.reading)
+    sensed = Sensed(plant.reading, jax.tree.map(jnp.zeros_like, plant.reading))
+    first = sensor.init(values.sensor, sensed)
+    _, sensed = sensor.apply(values.sensor, first, sensed)
+    told = signal._replace(angle=sensed.reading.angle)
     loop = Loop(
         pilot=pilot,
-        command=command.init(values.command, signal),
-        sensor=sensor.init(values.sensor, Sensed(plant.reading, silent)),
+        command=command.init(values.command, told),
+        sensor=first,
         score=tasks.open_score(plant.base),
     )
     return loop, signal
@@ -233,6 +236,24 @@ def tell(
     angle = row.reading.angle[kept]
     signal = Signal(row.command[kept], angle, plant.velocity, noise.command[kept])
     return world.chains()[0].apply(values.command, state, signal)
+
+
+def report(world: World, values: Values, state: Any, angle: Array) -> tuple[Any, Array]:
+    """What is measured of joints, without noise: the state, and angles [J] rad.
+
+    Args:
+        world: what is simulated.
+        values: of its effects.
+        state: of the sensor effects; None is the first.
+        angle: [J] rad, as encoders see it.
+    """
+    sensor = world.chains()[2]
+    nothing = [jnp.zeros(3), jnp.zeros(3), jnp.zeros(len(FORCE_SENSORS))]
+    reading = Reading(angle, *nothing)
+    signal = Sensed(reading, jax.tree.map(jnp.zeros_like, reading))
+    state = sensor.init(values.sensor, signal) if state is None else state
+    state, signal = sensor.apply(values.sensor, state, signal)
+    return state, signal.reading.angle
 
 
 def trajectory(world: World, rows: Row) -> Trajectory:

@@ -10,7 +10,7 @@ from gatjax.motions import Limbs
 from gatjax.records import JOINTS
 from gatjax.robot import nao
 from gatjax.robot.model import command_range, joint_names, servoed, slots
-from gatjax.sim.episode import coupled
+from gatjax.sim.episode import coupled, coupled_speed
 from gatjax.walk.parameters import THETA0
 
 TOP_SPEED = 10.0  # rad/s, of quick hobby servos (60 degrees in 0.1 s): no servo's here
@@ -36,6 +36,23 @@ def put_down(model: mujoco.MjModel, angle: np.ndarray) -> np.ndarray:
             default=0.0,
         )
     return data.qpos.copy()
+
+
+def moving(
+    model: mujoco.MjModel, qpos: np.ndarray, qvel: np.ndarray, angle: np.ndarray,
+    speed: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Return states [B, nq], [B, nv] with other joint angles and speeds [B, J] in them.
+
+    Angles are in rad, speeds in rad/s; joints that follow others follow.
+    """
+    qpos, qvel, place = qpos.copy(), qvel.copy(), slots(model)
+    qpos[:, place.position], qvel[:, place.velocity] = angle, speed
+    follower, follows = coupled(model, qpos)
+    qpos[:, follower] = follows
+    follower, follows = coupled_speed(model, qpos, qvel)
+    qvel[:, follower] = follows
+    return qpos, qvel
 
 
 def floats(model: mujoco.MjModel) -> bool:

@@ -18,7 +18,7 @@ import mujoco
 import numpy as np
 
 from gatjax.effects.sensor import drifted
-from gatjax.records import Outcome, Sensed, Signal, Trajectory
+from gatjax.records import Outcome, Signal, Trajectory
 from gatjax.robot.model import slots as find_slots
 from gatjax.sim import episode
 from gatjax.sim.actuation import State, actuation
@@ -306,16 +306,16 @@ def replay(world: World, impl: str = "jax", robots: int = 1) -> Callable[..., Ar
     """Return the open-loop replay of recorded commands; arguments as of `outcome`.
 
     The function takes (values, command [T, J] rad, angle [W, J] rad, qpos [nq],
-    qvel [nv]): the first W commands only warm up the effects, which see the recorded
-    angles; then the physics starts at qpos, qvel and plays the other T - W commands.
-    It returns the joint angles [T - W, J] after each of those ticks, rad, as the
-    encoders report them: after the sensor effects, without noise, drift counted from
-    qpos, qvel: what was measured there has drifted already.
+    qvel [nv]): the first W commands only warm up the effects, while the joints are at
+    those angles; then the physics starts at qpos, qvel and plays the other T - W
+    commands. It returns the joint angles [T - W, J] after each of those ticks, rad, as
+    the encoders report them: after the sensor effects, without noise, drift counted
+    from qpos, qvel: what was measured there has drifted already.
     """
     base_model, base_data = bare_data(world, impl, robots)
     where = find_slots(world.model)
     servos = actuation(world)
-    command, _, sensor = world.chains()
+    command = world.chains()[0]
 
     def one(
         values: Values, commands: Array, angles: Array, qpos: Array, qvel: Array
@@ -326,41 +326,37 @@ def replay(world: World, impl: str = "jax", robots: int = 1) -> Callable[..., Ar
         commands, angles = _float(commands), _float(angles)
         still = jnp.zeros_like(angles[0])
         first = Signal(commands[0], angles[0], still, still)
-        state, motor_state = command.init(values.command, first), None
-        warm = angles.shape[0]
-        motor_state = servos.init(values, first)
+        motor_state, warm = servos.init(values, first), angles.shape[0]
+
+        def report(sensor_state: Any, motor_state: State, angle: Array) -> tuple:
+            seen = servos.seen(values, motor_state, angle)
+            return episode.report(world, values, sensor_state, seen)
+
+        _, reported = report(None, motor_state, angles[0])
+        state = command.init(values.command, first._replace(angle=reported))
         for index in range(warm):
-            signal = Signal(commands[index], angles[index], still, still)
+            _, reported = report(None, motor_state, angles[index])
+            signal = Signal(commands[index], reported, still, still)
             state, signal = command.apply(values.command, state, signal)
             for _ in range(world.substeps):
                 held = Signal(signal.target, angles[index], still, still)
                 motor_state, _ = servos.apply(values, motor_state, held)
         advance = _substeps(world, values, model)
 
-        def measured(data: Any, motor_state: State) -> Sensed:
-            plant = episode.observe(where, data.qpos, data.qvel, data.sensordata)
-            angle = servos.seen(values, motor_state, plant.reading.angle)
-            silent = jax.tree.map(jnp.zeros_like, plant.reading)
-            return Sensed(plant.reading._replace(angle=angle), silent)
-
         def tick(carry: tuple, asked: Array) -> tuple:
-            state, data, motor_state, sensor_state = carry
-            angle = servos.seen(values, motor_state, data.qpos[where.position])
+            state, data, motor_state, sensor_state, reported = carry
             velocity = data.qvel[where.velocity]
-            signal = Signal(asked, angle, velocity, jnp.zeros_like(asked))
+            signal = Signal(asked, reported, velocity, jnp.zeros_like(asked))
             state, signal = command.apply(values.command, state, signal)
             data, motor_state = advance(data, motor_state, signal.target)
-            sensor_state, sensed = sensor.apply(
-                values.sensor, sensor_state, measured(data, motor_state)
-            )
-            return (state, data, motor_state, sensor_state), sensed.reading.angle
+            angle = data.qpos[where.position]
+            sensor_state, reported = report(sensor_state, motor_state, angle)
+            return (state, data, motor_state, sensor_state, reported), reported
 
-        now = measured(data, motor_state)
-        begin = sensor.init(values.sensor, now)
-        _, first = sensor.apply(values.sensor, begin, now)
-        carry = (state, data, motor_state, begin)
+        begin = report(None, motor_state, data.qpos[where.position])
+        carry = (state, data, motor_state, *begin)
         played = jax.lax.scan(tick, carry, commands[warm:])[1]
-        log = jnp.concatenate([first.reading.angle[None], played])
+        log = jnp.concatenate([begin[1][None], played])
         for drift in values.log.values() if values.log else ():
             log = drifted(log, drift)
         return log[1:]

@@ -21,14 +21,7 @@ from mujoco import batch
 
 from gatjax import task as tasks
 from gatjax.effects.sensor import drifted
-from gatjax.records import (
-    FORCE_SENSORS,
-    Outcome,
-    Reading,
-    Sensed,
-    Signal,
-    Trajectory,
-)
+from gatjax.records import Outcome, Reading, Signal, Trajectory
 from gatjax.robot.model import slots as find_slots
 from gatjax.sim import episode, shares
 from gatjax.sim.actuation import Push, State, actuation
@@ -172,20 +165,17 @@ class Native:
     ) -> tuple[Any, State]:
         command = self.world.chains()[0]
         signal = Signal(target, angle, jnp.zeros_like(angle), jnp.zeros_like(angle))
-        return command.init(values.command, signal), self._servos.init(values, signal)
+        motor = self._servos.init(values, signal)
+        _, reported = self._report_one(values, None, motor, angle)
+        told = signal._replace(angle=reported)
+        return command.init(values.command, told), motor
 
     def _report_one(
         self, values: Values, state: Any, motor: State, angle: Array
     ) -> tuple[Any, Array]:
         """Return what is measured of joints at an angle; state None is the first."""
-        angle = self._servos.seen(values, motor, angle)
-        sensor = self.world.chains()[2]
-        nothing = [jnp.zeros(3), jnp.zeros(3), jnp.zeros(len(FORCE_SENSORS))]
-        reading = Reading(angle, *nothing)
-        signal = Sensed(reading, jax.tree.map(jnp.zeros_like, reading))
-        state = sensor.init(values.sensor, signal) if state is None else state
-        state, signal = sensor.apply(values.sensor, state, signal)
-        return state, signal.reading.angle
+        seen = self._servos.seen(values, motor, angle)
+        return episode.report(self.world, values, state, seen)
 
     # batches
 
@@ -332,7 +322,7 @@ class Native:
         Args:
             values: the world's values.
             commands: [B, T, J] rad.
-            angles: [B, W, J] rad, recorded, for warming up the effects.
+            angles: [B, W, J] rad, of the joints, for warming up the effects.
             qpos: [B, nq] physics state after the warm-up.
             qvel: [B, nv]
             stiffness: [B, T, J] share of the servos' gains; in a `stiffened` world.
@@ -346,21 +336,21 @@ class Native:
         physics.qpos[:], physics.qvel[:] = qpos, qvel
         servos = functools.partial(self._motor, values)
         state, motor = self._init(values, commands[:, 0], angles[:, 0])
-        warm, log, sense = angles.shape[1], [], None
+        warm, log, sense, reported = angles.shape[1], [], None, None
         given = np.ones(np.shape(commands)) if stiffness is None else stiffness
         drawn = np.zeros(np.shape(commands)) if noise is None else noise
         for index in range(commands.shape[1]):
             if index < warm:
                 angle, velocity = angles[:, index], 0.0 * angles[:, index]
+                _, reported = self._report(values, None, motor, angle)
             else:
-                angle = physics.qpos[:, self._where.position]
                 velocity = physics.qvel[:, self._where.velocity]
                 if sense is None:
-                    sense, measured = self._report(values, None, motor, angle)
-                    log.append(np.asarray(measured))
-                angle = self._servos.seen(values, motor, angle)
+                    angle = physics.qpos[:, self._where.position]
+                    sense, reported = self._report(values, None, motor, angle)
+                    log.append(np.asarray(reported))
             state, target = self._command(
-                values, state, commands[:, index], angle, velocity, drawn[:, index]
+                values, state, commands[:, index], reported, velocity, drawn[:, index]
             )
             if index < warm:
                 for _ in range(0 if self._servos.plain else self.world.substeps):
@@ -368,8 +358,8 @@ class Native:
                 continue
             motor = self._advance(physics, servos, motor, target, None, given[:, index])
             angle = physics.qpos[:, self._where.position]
-            sense, measured = self._report(values, sense, motor, angle)
-            log.append(np.asarray(measured))
+            sense, reported = self._report(values, sense, motor, angle)
+            log.append(np.asarray(reported))
         return self._logged(values, np.stack(log, axis=1))[:, 1:]
 
     def behind(self, values: Values, readings: Array) -> np.ndarray:

@@ -7,6 +7,7 @@ all cores. Where no effect looks at the joints, it plays many rows in one call.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -124,11 +125,34 @@ def _first(plan: Plan, values: Values, commands: Array, physics: Any) -> tuple:
     """Return first states of the command effects and of the actuation."""
     angle = np.array(physics.qpos[:, plan.where.position])
     velocity = np.array(physics.qvel[:, plan.where.velocity])
-    signal = Signal(commands[:, 0], angle, velocity, 0.0 * angle)
+    reported = _reported(plan, values)(angle, np.array(physics.sensordata))
+    signal = Signal(commands[:, 0], reported, velocity, 0.0 * angle)
     command = plan.command.init(values.command, signal)
     _, signal = plan.command.apply(values.command, command, signal)
-    signal = signal._replace(target=np.asarray(signal.target))
+    signal = signal._replace(target=np.asarray(signal.target), angle=angle)
     return command, plan.servos.init(values, signal)
+
+
+def _reported(plan: Plan, values: Values) -> Callable[[Array, Array], Array]:
+    """Return what is logged, row by row, of joints that encoders see: to be called with
+    what they see [N, J] rad and the sensors' data [N, S].
+
+    Only corrections that were learned look at it, before their command goes out.
+    """
+    if not plan.world.learned:
+        return lambda seen, data: seen
+    sensor, params = _sensor(plan, values)
+    state = None
+
+    def report(seen: Array, data: Array) -> Array:
+        nonlocal state
+        reading = _reading(plan, seen, data)
+        sensed = Sensed(reading, Reading(*(np.zeros_like(leaf) for leaf in reading)))
+        state = sensor.init(params, sensed) if state is None else state
+        state, sensed = sensor.apply(params, state, sensed)
+        return np.asarray(sensed.reading.angle)
+
+    return report
 
 
 def _now(physics: batch.Batch) -> dict[str, np.ndarray]:
@@ -149,7 +173,7 @@ def _stepped(
     armature = physics.expand("dof_armature") if servos.geared else None
     qpos, qvel = physics.qpos, physics.qvel
     ctrl, applied = physics.ctrl, physics.qfrc_applied
-    rows, torques, seen = [], [], []
+    rows, torques, seen, report = [], [], [], _reported(plan, values)
 
     def keep(state: Any) -> None:
         rows.append(_now(physics))
@@ -162,7 +186,8 @@ def _stepped(
     for tick in range(commands.shape[1]):
         keep(state)
         draw, stiff = told.draw[:, tick], told.stiffness[:, tick]
-        signal = Signal(commands[:, tick], seen[-1], qvel[:, dofs], draw)
+        reported = report(seen[-1], rows[-1]["sensordata"])
+        signal = Signal(commands[:, tick], reported, qvel[:, dofs], draw)
         command, signal = plan.command.apply(values.command, command, signal)
         target = np.asarray(signal.target)
         for _ in range(substeps if tick + 1 < commands.shape[1] else 0):
@@ -215,11 +240,7 @@ def _measured(
     plan: Plan, values: Values, rows: dict, torque: Array, seen: Array
 ) -> Played:
     """Send rows [N, T, ...] through the sensor effects and the log's clock."""
-    where, sensors = plan.where, rows["sensordata"]
-    reading = Reading(
-        seen, *(sensors[..., each] for each in
-                (where.gyro, where.accelerometer, where.force))
-    )  # fmt: skip
+    where, reading = plan.where, _reading(plan, seen, rows["sensordata"])
     floating = plan.world.model.nq > 6 and plan.world.model.jnt_type[0] == 0
     pose = rows["qpos"][..., :7] if floating else np.zeros((*seen.shape[:2], 7))
     base = Base(pose[..., :3], pose[..., 3:])
@@ -239,6 +260,13 @@ def _measured(
     )
 
 
+def _reading(plan: Plan, seen: Array, data: Array) -> Reading:
+    """Return a reading [..., J] of what encoders see, and sensors' data [..., S]."""
+    where = plan.where
+    slots = where.gyro, where.accelerometer, where.force
+    return Reading(seen, *(data[..., each] for each in slots))
+
+
 def _up(plan: Plan, values: Values, base: Base) -> np.ndarray:
     """Direction against gravity in the torso's frame, [N, T, 3]."""
     level = plan.world.model.opt.gravity[None]
@@ -250,20 +278,27 @@ def _up(plan: Plan, values: Values, base: Base) -> np.ndarray:
     return up + 2.0 * (w * side + np.cross(v, side))
 
 
-def _sensed(
-    plan: Plan, values: Values, reading: Reading, learned: bool = True
-) -> Reading:
-    """Send readings [N, T, ...] through the sensor effects, row by row."""
+def _sensor(
+    plan: Plan, values: Values, learned: bool = True
+) -> tuple[Effect, dict[str, Any]]:
+    """Return the sensor effects without the noise, and their params."""
     foreign = plan.world.learned_sensors
     names = [
         n for n in plan.world.sensor if n != "noise" and (learned or n not in foreign)
     ]
-    if not names:
-        return reading
     sensor = chain(**{name: plan.world.sensor[name] for name in names})
     if learned and foreign:  # made for one robot: vectorised by jax
         sensor = Effect(jax.jit(jax.vmap(sensor.init)), jax.jit(jax.vmap(sensor.apply)))
-    params = {name: values.sensor[name] for name in names}
+    return sensor, {name: values.sensor[name] for name in names}
+
+
+def _sensed(
+    plan: Plan, values: Values, reading: Reading, learned: bool = True
+) -> Reading:
+    """Send readings [N, T, ...] through the sensor effects, row by row."""
+    sensor, params = _sensor(plan, values, learned)
+    if not params:
+        return reading
     silent = Reading(*(np.zeros_like(leaf[:, 0]) for leaf in reading))
     first = Sensed(Reading(*(leaf[:, 0] for leaf in reading)), silent)
     state, out = sensor.init(params, first), []
