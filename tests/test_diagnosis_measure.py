@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gatjax.data.trajectories import JointRun
-from gatjax.diagnosis import measure
+from gatjax.diagnosis import chance, measure
 from gatjax.sim.world import add_cause, nominal
 from gatjax.task import Task
 
@@ -52,6 +52,14 @@ def test_lost_commands_are_late_in_the_mean_and_never_freeze_a_joint(lossy):
     # chain 0.7 x (burst - 1) + 0.7 + ... = share x burst ticks in the mean
     assert -np.angle(ratio) / 5.0 == pytest.approx(0.7 * 5.0 * PERIOD, rel=0.35)
     assert 0.8 < abs(ratio) < 1.02
+
+
+def test_each_joint_has_draws_of_its_own(lossy):
+    """Which joints lose a message together is for the world to say."""
+    plain, lost = lossy
+    assert not chance.draws(plain, (2, 50, 3)).any()
+    drawn = chance.draws(lost, (2, 50, 3)).reshape(-1, 3)
+    assert np.abs(np.corrcoef(drawn.T) - np.eye(3)).max() < 0.15
 
 
 def test_windows_lose_commands_too(lossy):

@@ -336,6 +336,21 @@ def test_losses_have_their_share_come_in_bursts_and_hold_the_last_target():
     np.testing.assert_array_equal(out, held)
 
 
+@pytest.mark.parametrize(
+    ("share", "alike"), [([0.3, 0.3, 0.3], True), ([0.3, 0.3, 0.0], False),
+                         ([0.3, 0.2, 0.3], False)],
+)  # fmt: skip
+def test_a_message_that_is_lost_is_lost_to_all_joints(share, alike):
+    """Where some joints lose targets, or each its own share, each draws by itself."""
+    count = np.arange(1.0, 501.0)[:, None] + np.zeros(3)
+    drawn = np.random.default_rng(6).normal(size=count.shape)
+    params = {"probability": np.array(share), "burst": np.full(3, 2.0)}
+    out = play(drive.loss(), params, Signal(count, count, count, drawn))
+    lost = out < count
+    np.testing.assert_allclose(lost.mean(0), share, atol=0.08)
+    assert (lost[:, 0] == lost[:, 1]).all() == alike
+
+
 def test_draws_can_tell_which_targets_are_lost():
     draw = np.array([0.0, -9.0, -9.0, 0.0, 9.0, -9.0])[:, None]
     count = np.arange(6.0)[:, None]

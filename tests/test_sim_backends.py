@@ -38,7 +38,7 @@ COUNT = 3
 CAUSES = {
     "command_noise": 0.01, "command_delay": 0.018, "first_order_lag": 0.02,
     "speed_limit": 5.0, "backlash": 0.02, "torque_limit": 5.0, "gain_error": 0.8,
-    "coulomb_friction": 0.1, "viscous_friction": 0.3, "dropped_commands": 0.1,
+    "coulomb_friction": 0.1, "viscous_friction": 0.3, "dropped_commands": 0.2,
     "imu_misalignment": 0.03, "ground_friction": 0.7, "ground_compliance": 0.02,
     "sole_geometry": 0.001,
 }  # fmt: skip

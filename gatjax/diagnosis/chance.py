@@ -18,9 +18,9 @@ DRAWS, SEED = 8, 0
 def draws(world: World, shape: Sequence[int]) -> np.ndarray:
     """Unit draws [D, B, T, J] of the command effects, for commands of that shape.
 
-    One of zeros if the world loses no commands. A lost message is one to all joints.
+    One of zeros if the world loses no commands. Where all joints lose alike, the first
+    one's draws count for all of them (`gatjax.effects.drive.loss`).
     """
     if all(row["cause"] != LOSS for row in world.causes):
         return np.zeros((1, *shape))
-    drawn = np.random.default_rng(SEED).normal(size=(DRAWS, *shape[:2], 1))
-    return np.broadcast_to(drawn, (DRAWS, *shape))
+    return np.random.default_rng(SEED).normal(size=(DRAWS, *shape))

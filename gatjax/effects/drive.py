@@ -135,7 +135,8 @@ def loss() -> Effect:
     probability is the share of targets that is lost (0 is neutral), burst the mean
     number of targets lost together, 1 at least. The draws of the tick decide: a target
     is lost where Phi(noise) is less than the chance of it, so that a noise of 0 loses
-    nothing as long as the chances are below one half, and -9 loses for sure.
+    nothing as long as the chances are below one half, and -9 loses for sure. Where all
+    joints lose alike, a message is one to all of them: the first one's draw counts.
     """
 
     def init(params: dict[str, Array], signal: Signal) -> tuple[Array, Array]:
@@ -150,7 +151,10 @@ def loss() -> Effect:
         begin = share / (xp.maximum(1.0 - share, 1e-6) * burst)
         chance = xp.where(share > 0.0, lost * (1.0 - 1.0 / burst), 0.0)
         chance = chance + (1.0 - lost) * begin
-        draw = signal.noise
+        draw, still = signal.noise, 0.0 * signal.noise
+        both = share + still, burst + still
+        alike = [(each == each[..., :1]).all(-1)[..., None] for each in both]
+        draw = xp.where(alike[0] & alike[1], draw[..., :1], draw)
         below = 0.5 * (1.0 + xp.tanh(0.7978846 * (draw + 0.044715 * draw**3)))
         gone = below < chance
         held = xp.where(gone, held, signal.target)
