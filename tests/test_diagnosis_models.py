@@ -249,7 +249,7 @@ def test_what_gravity_pulls_grows_as_inverse_dynamics_says(flag: str) -> None:
     tree = loads.Tree(model, model.actuator_trnid[:, 0])
     draw = np.random.default_rng(3)
     position = draw.uniform(-2.0, 2.0, (5, 2))
-    moved = Motion(np.arange(5.0), position, *[0.0 * position] * 2, position)
+    moved = Motion(np.arange(5.0), position, *[0.0 * position] * 2)
     rows = np.arange(5)
     bodies, gravity = tree.turning(moved, rows)
     before = tree.slopes(moved, rows)
@@ -282,7 +282,7 @@ def test_loads_of_changed_bodies_are_those_of_models_with_such_bodies() -> None:
     model, draw = mujoco.MjModel.from_xml_string(TIED), np.random.default_rng(4)
     tree, joints = loads.Tree(model, model.actuator_trnid[:, 0]), (17, 2)
     position = draw.uniform(-1.0, 1.0, joints)
-    moved = Motion(np.arange(17.0), position, *draw.normal(size=(2, *joints)), position)
+    moved = Motion(np.arange(17.0), position, *draw.normal(size=(2, *joints)))
     others = [loads.perturbed(model, USUAL, draw) for _ in range(loads.TERMS)]
     weighed, few = loads.weigh(tree, moved, others), slice(None, None, loads.COARSE)
 

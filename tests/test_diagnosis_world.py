@@ -269,7 +269,7 @@ def test_a_far_shift_of_a_link_is_its_moments_and_a_spin(moved):
     phase = time[:, None] * rates
     swing = motion.Motion(
         time, 0.4 * np.sin(phase), 0.4 * rates * np.cos(phase),
-        -0.4 * rates**2 * np.sin(phase), 0.4 * np.sin(phase),
+        -0.4 * rates**2 * np.sin(phase),
     )  # fmt: skip
     body, shift = int(tree.body[moved]), np.array([0.1, 0.0, -0.07])
     far = mujoco.MjModel.__copy__(model)
