@@ -13,6 +13,7 @@ from gatjax.diagnosis.tolerances import USUAL, Tolerances
 STEP = 1e-3  # s, of the single-joint simulation
 GRAVITY = ("gravity_x", "gravity_y", "gravity_z")  # in `nominal`, m/s^2
 GEARS = frozenset({"backlash", "joint_elasticity"})
+WEAK = 30.0  # 1/s: no faster, a servo's joint is drawn in its angle alone
 OBSERVED = 10.0  # 1/s, how fast a joint without a servo is drawn to its measured motion
 
 
@@ -91,8 +92,10 @@ class Joint(NamedTuple):
         """
         kept = ("pull", "steer")
         free = {name: n for name, n in self.nominal.items() if name not in kept}
-        rate = rate if self.servoed else max(rate, OBSERVED)
-        return self._replace(nominal=free | (observed(rate) if rate else {}))
+        if not self.servoed:
+            return self._replace(nominal=free | observed(max(rate, OBSERVED)))
+        law = observed(rate) if rate > WEAK else {"pull": rate}
+        return self._replace(nominal=free | (law if rate else {}))
 
     def without(self, runs: Sequence[int]) -> Joint:
         """The same; these runs do not count, and all others do."""
