@@ -17,7 +17,7 @@ from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT as TOLERANCES
 from gatjax.diagnosis.hypotheses import Hypothesis
-from gatjax.diagnosis.joint import GEARS
+from gatjax.diagnosis.joint import BOUNCING, GEARS
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.known import ODD, Known
 
@@ -177,4 +177,4 @@ def test_a_joint_is_drawn_where_its_best_cause_leaves_much(cause, left, drawn):
     So fast that only teeth can need it, none without a gear is.
     """
     assert Rough(cause, left)._misses(0, 10.0) == drawn
-    assert Rough(cause, left)._misses(0, cases.BOUNCING) == (drawn and cause in GEARS)
+    assert Rough(cause, left)._misses(0, BOUNCING) == (drawn and cause in GEARS)

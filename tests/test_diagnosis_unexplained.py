@@ -11,6 +11,7 @@ from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis.case import Case
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT
+from gatjax.diagnosis.joint import BOUNCING, PULLS
 from gatjax.diagnosis.motion import Motion
 from gatjax.diagnosis.unexplained import conditions, explore
 
@@ -33,11 +34,14 @@ def case_of(angle):
     return case
 
 
-def explored(torque, beside):
-    """What is said of a torque that acts on a slow joint."""
+def explored(torque, beside, rate=0.0):
+    """What is said of a torque that acts on a slow joint, drawn at a rate in 1/s."""
     case = case_of(0.4 * np.sin(0.7 * TIME) + 0.2 * np.sin(1.7 * TIME))
-    one = case.joints[0]
-    left, none = torque / one.nominal["kp"], np.zeros((0, 0))
+    one = case.joints[0].drawn(rate)
+    resist = one.nominal["kv"] + one.nominal["damping"]
+    stiff = one.nominal["kp"] + resist * one.nominal.get("pull", 0.0)
+    stiff += one.nominal.get("steer", 0.0) * 0.018
+    left, none = torque / stiff, np.zeros((0, 0))
     fit = Fit(None, np.zeros(COUNT), 0.0, left, none, none, 0.0, True)
     return explore(case, one, fit, [beside])
 
@@ -48,6 +52,18 @@ def test_a_misfit_that_follows_the_temperature_is_told():
     assert best["variable"] == "temperature.elbow" and best["share"] > 0.95
     assert "torque at elbow = +0.0" in found["term"]
     assert "temperature.elbow" in found["term"]
+
+
+@pytest.mark.parametrize("rate", [*PULLS, BOUNCING])
+def test_what_draws_a_joint_is_no_part_of_its_misfit(rate):
+    """A torque has its size, however little of it shows in a joint that is drawn."""
+    free, drawn = (
+        explored(0.04 * WARMTH, {"temperature.elbow": WARMTH}, each)["term"]
+        for each in (0.0, rate)
+    )
+    sizes = [float(text.split("= ")[1].split(" temp")[0]) for text in (free, drawn)]
+    assert sizes[1] == pytest.approx(sizes[0], rel=0.01)
+    assert sizes[0] == pytest.approx(0.04, rel=0.05)
 
 
 def test_without_a_thermometer_the_same_misfit_has_another_name():

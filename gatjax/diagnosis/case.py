@@ -22,8 +22,6 @@ from gatjax.diagnosis.tolerances import USUAL, Tolerances
 from gatjax.robot.model import joint_names
 
 PASSES, RESTS = 3, 3.0  # over the loads of the fitted motion; nats that end them
-PULLS = (10.0, 30.0)  # 1/s, of a pulled joint towards its measured motion
-BOUNCING = 60.0  # 1/s, of a joint with a gap: slower, chance says where teeth meet
 LED_ASTRAY = 5.0  # times the noise that a fit leaves: loads along its motion are worse
 
 

@@ -12,12 +12,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from gatjax.data.trajectories import JointRun
-from gatjax.diagnosis.case import BOUNCING, Held, unfitted
+from gatjax.diagnosis.case import Held, unfitted
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, TOLERANCES, numbers
-from gatjax.diagnosis.joint import Joint
+from gatjax.diagnosis.joint import BOUNCING, Joint
 from gatjax.diagnosis.judge import Judge
-from gatjax.diagnosis.known import GAP
 from gatjax.diagnosis.measure import APART, BLOCK, Errors
 
 SHAPES = np.array([name.startswith("term") for name in TOLERANCES])
@@ -40,7 +39,7 @@ def drawn_errors(
     lost = {k for claim in judge.accepted for k in claim.lost or {}}
     free = {joint.index: 0.0 for joint in case.joints if not joint.servoed}
     parted = {k: BOUNCING for claim in judge.accepted
-              if claim.hypothesis.cause == GAP for k in claim.fits}  # fmt: skip
+              if claim.hypothesis.cause == "backlash" for k in claim.fits}  # fmt: skip
     rates = free | case.pulled | parted
     wanted = {k: rate for k, rate in rates.items() if k not in lost}
     if not (wanted and isinstance(base, Held)):

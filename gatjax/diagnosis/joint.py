@@ -13,7 +13,8 @@ from gatjax.diagnosis.tolerances import USUAL, Tolerances
 STEP = 1e-3  # s, of the single-joint simulation
 GRAVITY = ("gravity_x", "gravity_y", "gravity_z")  # in `nominal`, m/s^2
 GEARS = frozenset({"backlash", "joint_elasticity"})
-WEAK = 30.0  # 1/s: no faster, a servo's joint is drawn in its angle alone
+PULLS = (10.0, 30.0)  # 1/s, how fast a servo's joint is drawn to it, in angle alone
+BOUNCING = 60.0  # 1/s, of one with a gap: slower, chance says where teeth meet
 OBSERVED = 10.0  # 1/s, how fast a joint without a servo is drawn to its measured motion
 
 
@@ -94,7 +95,8 @@ class Joint(NamedTuple):
         free = {name: n for name, n in self.nominal.items() if name not in kept}
         if not self.servoed:
             return self._replace(nominal=free | observed(max(rate, OBSERVED)))
-        law = observed(rate) if rate > WEAK else {"pull": rate}
+        alone = {"pull": rate, "steer": 0.0}
+        law = observed(rate) if rate > PULLS[-1] else alone
         return self._replace(nominal=free | (law if rate else {}))
 
     def without(self, runs: Sequence[int]) -> Joint:

@@ -27,7 +27,7 @@ from gatjax.diagnosis.claims import (
 )
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined, pinned
-from gatjax.diagnosis.joint import OBSERVED, Joint
+from gatjax.diagnosis.joint import BOUNCING, OBSERVED, PULLS, Joint
 from gatjax.diagnosis.known import ASTRAY, PARTED, Known, parted
 
 NOISY = 1.7  # times the noise that the best cause leaves: commands may be lost
@@ -97,7 +97,7 @@ class Judge(Known):
             lost = self._lost(fewer)
             solved = {k for claim in lost for k in claim.fits}
         left = [k for k in missing if k not in solved]
-        for rate in (*cases.PULLS, cases.BOUNCING):
+        for rate in (*PULLS, BOUNCING):
             self._pull([k for k in left if self._misses(k, rate)], rate)
         found = self._single() + lost
         if len(self.joints) > 1:
@@ -118,7 +118,7 @@ class Judge(Known):
             missed = best.rms() > PARTED * joint.noise
         else:
             missed = best.rms() > max(ASTRAY * joint.noise, STRAYING * known)
-            missed &= rate in cases.PULLS
+            missed &= rate in PULLS
         least = 0.0 if joint.servoed else OBSERVED
         return missed and self.case.pulled.get(index, least) < rate
 

@@ -20,7 +20,6 @@ from gatjax.diagnosis.joint import Joint
 
 ASTRAY = 3.5  # times the noise that the best explanation leaves: look again
 PARTED = 1.7  # the same with a gap, which parts any two runs
-GAP = "backlash"
 STRAY, FEW = 2.5, 0.2  # times the middle piece's misfit; share of pieces left aside
 CHANGED = 3.0  # nats: a joint whose evidence changed less keeps its fits
 ODD = 2.0  # times what the next worst of them leaves, that this one leaves
