@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import mujoco
 import numpy as np
 
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import to_arrays
+from gatjax.grounding.posture import torso_poses
 from gatjax.grounding.transitions import HISTORY
 from gatjax.records import JOINTS
 from gatjax.robot.nao import WALKING, WALKING_JOINTS
 from gatjax.sim.backend import Backend
-from gatjax.sim.episode import coupled
 from gatjax.sim.limbs import moving
 from gatjax.sim.native import Native
 from gatjax.sim.world import World
@@ -66,9 +65,7 @@ def _state(world: World, angle: Array, base: Array, seconds: float) -> tuple:
 def base_poses(world: World, recording: Recording, angle: Array) -> Array:
     """Torso poses [N, 7] of a recording: position m, quaternion w x y z.
 
-    A robot seldom knows them. Where the recording has no `base.*` columns, the torso
-    has the attitude of `orientation.roll` and `.pitch` (upright without), the lower
-    sole is on the floor, and the torso does not travel: enough for half a second.
+    A robot seldom knows them: without `base.*` columns they are `torso_poses`.
 
     Args:
         world: whose model stands on the floor.
@@ -79,29 +76,7 @@ def base_poses(world: World, recording: Recording, angle: Array) -> Array:
     columns = recording.columns
     if all(name in columns for name in names):
         return np.stack([columns[name] for name in names], axis=-1)
-    level = np.zeros(len(recording.time))
-    roll, pitch = (columns.get(f"orientation.{k}", level) for k in ("roll", "pitch"))
-    base = np.zeros((len(level), 7))
-    base[:, 3] = np.cos(roll / 2) * np.cos(pitch / 2)
-    base[:, 4] = np.sin(roll / 2) * np.cos(pitch / 2)
-    base[:, 5] = np.cos(roll / 2) * np.sin(pitch / 2)
-    base[:, 6] = -np.sin(roll / 2) * np.sin(pitch / 2)
-    base[:, 2] = _standing_height(world.model, base, angle)
-    return base
-
-
-def _standing_height(model: mujoco.MjModel, base: Array, angle: Array) -> Array:
-    """Torso height [N] m that puts the lowest collision sphere on the floor."""
-    slots = model.jnt_qposadr[model.actuator_trnid[:, 0]]
-    feet = (model.geom_conaffinity > 0) & (model.geom_bodyid > 0)
-    data, height = mujoco.MjData(model), np.zeros(len(base))
-    for row in range(len(base)):
-        data.qpos[:7], data.qpos[slots] = base[row], angle[row]
-        follower, follows = coupled(model, data.qpos)
-        data.qpos[follower] = follows
-        mujoco.mj_kinematics(model, data)
-        height[row] = -(data.geom_xpos[feet, 2] - model.geom_size[feet, 0]).min()
-    return height
+    return torso_poses(world.model, recording, angle, world.task.control_period)
 
 
 def cut(
