@@ -10,6 +10,7 @@ import threading
 import weakref
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing.process import BaseProcess
 from types import ModuleType
@@ -17,6 +18,12 @@ from typing import Any
 
 ALONE = {"JAX_PLATFORMS": "cpu", "OPENBLAS_NUM_THREADS": "1"}
 """Read when libraries are loaded, which is before a worker's first own line."""
+
+ENDED = (
+    "a worker process was killed, which mostly means that memory ran out: close other "
+    "programs, or leave it fewer processors (taskset -c 0 before the command), and run "
+    "it again"
+)
 
 
 class Workers:
@@ -47,7 +54,7 @@ class Workers:
             does not begin to listen has to `close`.
 
         Raises:
-            BrokenProcessPool: a process ended, for want of memory most often.
+            BrokenProcessPool: one line: a process ended, and what to do.
         """
         try:
             return self._done(self._begun(function, jobs))
@@ -61,8 +68,10 @@ class Workers:
                 done, _ = wait(left, timeout=1.0, return_when=FIRST_COMPLETED)
                 for future in done:
                     yield left.pop(future), future.result()
-        except BaseException:
+        except BaseException as error:
             self.close()
+            if isinstance(error, BrokenProcessPool):
+                raise BrokenProcessPool(ENDED) from error
             raise
 
     def _begun(self, function: Callable, jobs: Sequence[tuple]) -> dict[Future, int]:

@@ -78,7 +78,7 @@ def test_who_stops_listening_ends_them_all(workers):
 
 
 def test_a_process_that_the_system_kills_is_told(workers):
-    with pytest.raises(BrokenProcessPool):
+    with pytest.raises(BrokenProcessPool, match="memory ran out"):
         list(workers.results(os._exit, [(1,)]))
 
 
