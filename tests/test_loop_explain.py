@@ -193,11 +193,11 @@ def test_a_correction_is_taken_as_far_as_it_helps(robot, run, monkeypatch):
     world, _ = read_world(run[0] / "extended.json", SHORT)
     log = read_recording(run[0] / "recordings/robot_0.parquet")
 
-    def errors(backend, values, windows, step):
+    def error(backend, values, windows, step):
         (alpha,) = {float(a) for a in np.ravel(values.command["grounding"].alpha)}
-        return {("LKneePitch", step): alpha, ("LKneePitch", 0.5): abs(alpha - 0.3)}
+        return abs(alpha - 0.3)
 
-    monkeypatch.setattr(prediction, "errors", errors)
+    monkeypatch.setattr(prediction, "error_soon", error)
     whole = with_alpha(grounding, 1.0)
     assert helpful(world, whole, log, 0).facts["alpha"] == 0.3
     assert helpful(world, with_alpha(whole, 0.0), log, 0).facts["alpha"] == 0.0

@@ -34,8 +34,8 @@ def bounded(world: World, walks: Recording, seed: int) -> World:
     """Add limits of the motors' net torque, the least that the walks bear out.
 
     Each kind of motor has one, unless even its torque limit is too low for one: below
-    it, and with no bound of the others, the world predicts the walking joints half a
-    second ahead worse by a twentieth. Walks that only test predictions do not count.
+    it, and with no bound of the others, the world predicts the walking joints 0.2 s
+    ahead worse by a twentieth. Walks that only test predictions do not count.
 
     Args:
         world: what a diagnosis made of the nominal NAO.
@@ -53,13 +53,13 @@ def bounded(world: World, walks: Recording, seed: int) -> World:
 
     def error(limits: list[Limit]) -> float:
         values = _limited(world, limits).values
-        return prediction.error_ahead(backend, values, windows, step)
+        return prediction.error_soon(backend, values, windows, step)
 
     allowed = WORSE * error(loose)
     if not np.isfinite(allowed):
         raise ValueError(
-            "the simulation that the diagnosis extended diverges within half a second "
-            "of a place on the robot's walks"
+            "the simulation that the diagnosis extended diverges within a fifth of a "
+            "second of a place on the robot's walks"
         )
 
     def enough(number: int, limit: float) -> bool:

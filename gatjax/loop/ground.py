@@ -179,7 +179,7 @@ def stable(
 def helpful(
     world: World, grounding: grounders.Grounding, robot: Recording, seed: int
 ) -> grounders.Grounding:
-    """Choose how much of a correction predicts the robot best half a second ahead.
+    """Choose how much of a correction predicts the robot best over the next 0.2 s.
 
     A simulator that a diagnosis extended may need none; of any other one the correction
     stays as it is. The trajectories are those that it was learned from: held-out ones
@@ -195,7 +195,7 @@ def helpful(
 
     def error(candidate: grounders.Grounding) -> float:
         values = grounders.grounded(world, candidate).values
-        return prediction.error_ahead(backend, values, windows, step)
+        return prediction.error_soon(backend, values, windows, step)
 
     shares = [alpha for alpha in grounders.ALPHAS if alpha <= most]
     tried = [grounders.with_alpha(grounding, alpha) for alpha in shares]
