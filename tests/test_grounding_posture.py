@@ -95,6 +95,18 @@ def test_a_trajectory_does_not_depend_on_the_others(walks):
     np.testing.assert_allclose(poses(alone), together, atol=1e-9)
 
 
+def test_trajectories_may_interleave(walks):
+    order = np.argsort(walks.time, kind="stable")
+    mixed = walks._replace(
+        time=walks.time[order],
+        trajectory=walks.trajectory[order],
+        columns={name: values[order] for name, values in walks.columns.items()},
+    )
+    apart, together = poses(walks)[order], poses(mixed)
+    np.testing.assert_array_equal(together[:, 2:], apart[:, 2:])
+    np.testing.assert_allclose(together[:, :2], apart[:, :2], atol=1e-12)
+
+
 def test_without_a_gyro_the_torso_is_upright_and_stays(walks):
     still = {k: v for k, v in walks.columns.items() if not k.startswith("gyro.")}
     found = poses(walks._replace(columns=still))

@@ -52,19 +52,27 @@ def torso_poses(
         angle: [N, J] rad, of its joints.
         period: s, control period.
     """
-    soles = soles_of(model, angle)
-    columns, count = recording.columns, len(recording.time)
-    told = [f"orientation.{name}" for name in ("pitch", "roll")]
-    gyro = [f"gyro.{axis}" for axis in "xyz"]
-    first = np.diff(recording.trajectory, prepend=-1) != 0
-    if columns.keys() >= {*told}:
-        turn = _leaning(*(columns[name] for name in told))
-    elif columns.keys() >= {*gyro}:
-        rate = np.stack([columns[name] for name in gyro], axis=-1)
-        turn = _turned(recording.trajectory, rate, soles, period)
+    order = np.argsort(recording.trajectory, kind="stable")  # runs may interleave
+    trajectory, soles = recording.trajectory[order], soles_of(model, angle[order])
+    told = _given(recording, [f"orientation.{name}" for name in ("pitch", "roll")])
+    gyro = _given(recording, [f"gyro.{axis}" for axis in "xyz"])
+    first = np.diff(trajectory, prepend=-1) != 0
+    if told is not None:
+        turn = _leaning(*told[order].T)
+    elif gyro is not None:
+        turn = _turned(trajectory, gyro[order], soles, period)
     else:
-        turn, first = Rotation.identity(count), np.ones(count, bool)
-    return _placed(turn, soles, first)
+        turn, first = Rotation.identity(len(order)), np.ones(len(order), bool)
+    base = np.empty((len(order), 7))
+    base[order] = _placed(turn, soles, first)
+    return base
+
+
+def _given(recording: Recording, names: list[str]) -> Array | None:
+    """Columns [N, C] of a recording, None if it lacks one."""
+    found = [recording.columns.get(name) for name in names]
+    known = [column for column in found if column is not None]
+    return np.stack(known, axis=-1) if len(known) == len(names) else None
 
 
 def soles_of(model: mujoco.MjModel, angle: Array) -> Soles:
