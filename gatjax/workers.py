@@ -56,22 +56,25 @@ class Workers:
         Raises:
             BrokenProcessPool: one line: a process ended, and what to do.
         """
-        try:
+        with self._closed_by_errors():
             return self._done(self._begun(function, jobs))
-        except BaseException:
-            self.close()
-            raise
 
     def _done(self, left: dict[Future, int]) -> Iterator[tuple[int, Any]]:
-        try:
+        with self._closed_by_errors():
             while left:  # with a pause often enough for Ctrl-C to come through
                 done, _ = wait(left, timeout=1.0, return_when=FIRST_COMPLETED)
                 for future in done:
                     yield left.pop(future), future.result()
-        except BaseException as error:
+
+    @contextmanager
+    def _closed_by_errors(self) -> Iterator[None]:
+        try:
+            yield
+        except BrokenProcessPool as error:
             self.close()
-            if isinstance(error, BrokenProcessPool):
-                raise BrokenProcessPool(ENDED) from error
+            raise BrokenProcessPool(ENDED) from error
+        except BaseException:
+            self.close()
             raise
 
     def _begun(self, function: Callable, jobs: Sequence[tuple]) -> dict[Future, int]:

@@ -1,5 +1,6 @@
 """Where the torso is, from gyro, joints and soles: against where it truly was."""
 
+import mujoco
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -8,7 +9,8 @@ from gatjax.data.trajectories import to_recording
 from gatjax.grounding import posture
 from gatjax.loop import Simulator
 from gatjax.loop.ground import measured
-from gatjax.records import JOINTS
+from gatjax.records import FORCE_SENSORS, JOINTS
+from gatjax.robot.nao import MODEL_FILE
 from gatjax.sim.world import nominal
 from gatjax.task import Task
 from gatjax.walk.parameters import THETA0
@@ -112,3 +114,46 @@ def test_without_a_gyro_the_torso_is_upright_and_stays(walks):
     found = poses(walks._replace(columns=still))
     np.testing.assert_array_equal(found[:, :2], 0.0)
     np.testing.assert_array_equal(found[:, 3:], np.eye(4)[[0]].repeat(len(found), 0))
+
+
+def test_a_column_that_never_changes_says_nothing(walks):
+    """Servers that do not know the torso fill it with zeros."""
+    still = np.zeros(len(walks.time))
+    told = {"orientation.pitch": still, "orientation.roll": still}
+    np.testing.assert_array_equal(poses(changed(walks, **told)), poses(walks))
+
+
+def test_the_gyro_tells_where_a_robot_heads_that_knows_its_attitude(walks):
+    pitch, roll = tilt(true(walks, "qw", "qx", "qy", "qz")).T
+    log = changed(walks, **{"orientation.pitch": pitch, "orientation.roll": roll})
+
+    def turned(quaternion):
+        """How far the heading [N, 2] turned since 1 s before, rad."""
+        turn = Rotation.from_quat(quaternion[:, [1, 2, 3, 0]]).as_euler("ZYX")[:, 0]
+        rows = [np.flatnonzero(walks.trajectory == run) for run in range(COUNT)]
+        return np.concatenate([turn[each[50:]] - turn[each[:-50]] for each in rows])
+
+    known = turned(true(walks, "qw", "qx", "qy", "qz"))
+    found = turned(poses(log)[:, 3:])
+    assert np.std(known) > 2 * np.std(found - known)
+
+
+def test_feet_without_spheres_are_refused(walks):
+    spec = mujoco.MjSpec.from_file(str(MODEL_FILE))
+    for name in FORCE_SENSORS[:4]:
+        spec.geom(name).type = mujoco.mjtGeom.mjGEOM_BOX
+        spec.geom(name).size = [0.01, 0.01, 0.01]
+    angle = np.zeros((2, len(JOINTS)))
+    with pytest.raises(ValueError, match="no spheres that touch the floor"):
+        posture.soles_of(spec.compile(), angle)
+
+
+def test_hands_that_touch_things_are_no_feet(walks):
+    spec = mujoco.MjSpec.from_file(str(MODEL_FILE))
+    spec.body("torso").add_geom(
+        type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.05, 0, 0], contype=1, conaffinity=1
+    )
+    angle = np.zeros((2, len(JOINTS)))
+    found, known = (posture.soles_of(m, angle) for m in (spec.compile(), WORLD.model))
+    for ours, theirs in zip(found, known, strict=True):
+        np.testing.assert_array_equal(ours, theirs)

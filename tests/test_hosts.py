@@ -162,12 +162,43 @@ def test_what_is_no_answer_is_run_again():
         np.testing.assert_array_equal(found, costs(POLICIES, KEYS))
 
 
-def test_who_cannot_do_the_task_is_sent_away_with_a_reason():
+def test_costs_that_are_no_numbers_are_run_again():
+    with crew_of(lambda p, k: costs(p, k).astype(str)) as (crew, said, _):
+        found = crew.evaluate(costs, POLICIES, KEYS)
+    np.testing.assert_array_equal(found, costs(POLICIES, KEYS))
+    assert any("lost (it sent costs" in line for line in said)
+
+
+def test_a_host_that_fails_by_itself_does_not_wait_for_a_leader_that_is_there():
+    def full(policies, keys):
+        raise OSError(28, "No space left on device")
+
+    crew = Crew(0, TASK, lambda line: None)
+    found = []
+
+    def work():
+        try:
+            serve(("localhost", crew.port), lambda task: full, 5.0, lambda line: None)
+        except ValueError as error:
+            found.append(str(error))
+
+    host = threading.Thread(target=work)
+    host.start()
+    crew.wait(1, 5.0)
+    crew.evaluate(costs, POLICIES, KEYS)
+    host.join(10.0)
+    crew.close()
+    assert not host.is_alive()
+    assert found == ["this host failed: [Errno 28] No space left on device"]
+
+
+@pytest.mark.parametrize("kind", [ValueError, ImportError, RuntimeError, OSError])
+def test_who_cannot_do_the_task_is_sent_away_with_a_reason(kind):
     said = []
     crew = Crew(0, TASK, said.append)
 
     def unable(task):
-        raise ValueError("no such engine here")
+        raise kind("no such engine here")
 
     with pytest.raises(ValueError, match="no such engine"):
         serve(("localhost", crew.port), unable, 5.0, said.append)

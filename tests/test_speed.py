@@ -150,3 +150,15 @@ def test_the_verb_measures_and_writes(tmp_path, capsys):
         assert only["closed_steps_per_s"] == pytest.approx(closed * steps / 0.02)
         assert only["bare_steps_per_s"] == pytest.approx(bare * 5 / 0.02)
     assert out.with_suffix(".png").is_file()
+
+
+def test_what_cannot_run_here_is_said_before_anything_is_measured(monkeypatch, capsys):
+    def lacking(impl):
+        if impl == "warp":
+            raise ValueError("impl 'warp' needs an NVIDIA GPU")
+
+    monkeypatch.setattr(bench, "check_machine", lacking)
+    monkeypatch.setattr(bench, "recorded", lambda *_: pytest.fail("measured"))
+    asked = ["bench", "--worlds", "4", "--backends", "native", "mjx-warp"]
+    assert main(asked) == 1
+    assert "needs an NVIDIA GPU" in capsys.readouterr().err

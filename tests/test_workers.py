@@ -3,6 +3,7 @@
 import math
 import multiprocessing
 import os
+import signal
 import struct
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import time
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -80,6 +82,16 @@ def test_who_stops_listening_ends_them_all(workers):
 def test_a_process_that_the_system_kills_is_told(workers):
     with pytest.raises(BrokenProcessPool, match="memory ran out"):
         list(workers.results(os._exit, [(1,)]))
+
+
+def test_one_that_was_killed_while_it_waited_is_told(workers):
+    (found,) = workers.results(os.getpid, [()])
+    os.kill(found[1], signal.SIGKILL)
+    pool: Any = workers._pool
+    while not pool._broken:
+        time.sleep(0.01)
+    with pytest.raises(BrokenProcessPool, match="memory ran out"):
+        workers.results(os.getpid, [()])
 
 
 def test_one_that_ends_while_it_tells_something_leaves_nobody_waiting():

@@ -25,6 +25,7 @@ Array = Any
 LEVEL = 1.0  # s in which the soles' normal replaces what the gyro says
 BIAS = 1.0  # s in which the gyro's bias is learned from what the soles say
 GRIP = 3  # points of soles that carry, and stay where they are
+ANKLES = ("LAnkleRoll", "RAnkleRoll")  # joints, each of which carries a foot
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -43,14 +44,17 @@ def torso_poses(
 
     The torso is turned as `orientation.roll` and `.pitch` say, or else as gyro and
     soles do, and goes where the soles stay; without either it is upright and does not
-    travel. The lowest sole is on the floor. Headings and places count from the first
-    row of a trajectory.
+    travel. A column that never changes says nothing. The lowest sole is on the floor.
+    Where a trajectory begins, and where it heads there, means nothing.
 
     Args:
         model: floating base, spheres under its feet.
         recording: of N rows.
         angle: [N, J] rad, of its joints.
         period: s, control period.
+
+    Raises:
+        ValueError: one line: the model's feet have no spheres.
     """
     order = np.argsort(recording.trajectory, kind="stable")  # runs may interleave
     trajectory, soles = recording.trajectory[order], soles_of(model, angle[order])
@@ -58,7 +62,9 @@ def torso_poses(
     gyro = _given(recording, [f"gyro.{axis}" for axis in "xyz"])
     first = np.diff(trajectory, prepend=-1) != 0
     if told is not None:
-        turn = _leaning(*told[order].T)
+        pitch, roll = told[order].T
+        rate = np.zeros((len(order), 3)) if gyro is None else gyro[order]
+        turn = _leaning(pitch, roll, _heading(pitch, roll, rate, first, period))
     elif gyro is not None:
         turn = _turned(trajectory, gyro[order], soles, period)
     else:
@@ -69,16 +75,24 @@ def torso_poses(
 
 
 def _given(recording: Recording, names: list[str]) -> Array | None:
-    """Columns [N, C] of a recording, None if it lacks one."""
+    """Columns [N, C] of a recording, None if it lacks one or one never changes."""
     found = [recording.columns.get(name) for name in names]
-    known = [column for column in found if column is not None]
+    known = [each for each in found if each is not None and np.ptp(each)]
     return np.stack(known, axis=-1) if len(known) == len(names) else None
 
 
 def soles_of(model: mujoco.MjModel, angle: Array) -> Soles:
     """Find the soles of a robot with joint angles [N, J] rad."""
     slots = model.jnt_qposadr[model.actuator_trnid[:, 0]]
-    balls = np.flatnonzero((model.geom_conaffinity > 0) & (model.geom_bodyid > 0))
+    feet = [model.jnt_bodyid[model.joint(name).id] for name in ANKLES]
+    touches = (model.geom_contype | model.geom_conaffinity) > 0
+    touches &= model.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE
+    balls = np.flatnonzero(touches & np.isin(model.geom_bodyid, feet))
+    if not np.isin(feet, model.geom_bodyid[balls]).all():
+        raise ValueError(
+            "a foot of this model has no spheres that touch the floor, so the log does "
+            "not tell where the torso is: give the feet spheres, or the log base.*"
+        )
     data = mujoco.MjData(model)
     centre = np.zeros((len(angle), len(balls), 3))
     normal = np.zeros_like(centre)
@@ -92,11 +106,18 @@ def soles_of(model: mujoco.MjModel, angle: Array) -> Soles:
     return Soles(centre, normal, model.geom_size[balls, 0])
 
 
-def _leaning(pitch: Array, roll: Array) -> Rotation:
-    """Attitudes with pitch and roll [...] rad, and heading 0."""
-    return Rotation.from_euler(
-        "ZYX", np.stack([np.zeros_like(pitch), pitch, roll], axis=-1)
-    )
+def _leaning(pitch: Array, roll: Array, heading: Array) -> Rotation:
+    """Attitudes with pitch, roll and heading [...] rad."""
+    return Rotation.from_euler("ZYX", np.stack([heading, pitch, roll], axis=-1))
+
+
+def _heading(
+    pitch: Array, roll: Array, gyro: Array, first: Array, period: float
+) -> Array:
+    """How torsos head [N] rad, by the gyro [N, 3] rad/s and how they lean."""
+    rate = (np.sin(roll) * gyro[:, 1] + np.cos(roll) * gyro[:, 2]) / np.cos(pitch)
+    turned = 0.5 * period * (rate[1:] + rate[:-1])
+    return np.append(0.0, np.where(first[1:], 0.0, turned).cumsum())
 
 
 def _turned(trajectory: Array, gyro: Array, soles: Soles, period: float) -> Rotation:
@@ -105,23 +126,31 @@ def _turned(trajectory: Array, gyro: Array, soles: Soles, period: float) -> Rota
     longest = max(map(len, runs))
     rows = np.stack([run[np.minimum(np.arange(longest), len(run) - 1)] for run in runs])
     found = np.zeros((len(trajectory), 4))
-    level = soles.normal[rows[:, 0]].mean(1)
+    begin, each = rows[:, 0], np.arange(len(runs))
+    level = soles.normal[begin].mean(1)
+    level = soles.normal[begin][each, _lowest(soles, begin, level)]
     turn = _leaning(
         np.arctan2(-level[:, 0], np.hypot(level[:, 1], level[:, 2])),
         np.arctan2(level[:, 1], level[:, 2]),
+        np.zeros(len(runs)),
     )
-    bias, each = np.zeros((len(runs), 3)), np.arange(len(runs))
+    bias = np.zeros((len(runs), 3))
     for tick in range(longest):
         now, going = rows[:, tick], np.array([tick < len(run) for run in runs])
         found[now[going]] = turn.as_quat()[going]
         up = turn.inv().apply(UP)
-        height = np.einsum("rsk,rk->rs", soles.centre[now], up) - soles.radius
-        wrong = np.cross(soles.normal[now][each, height.argmin(1)], up)
+        wrong = np.cross(soles.normal[now][each, _lowest(soles, now, up)], up)
         following = rows[:, min(tick + 1, longest - 1)]
         rate = 0.5 * (gyro[now] + gyro[following]) - bias + wrong / LEVEL
         turn = turn * Rotation.from_rotvec(period * rate)
         bias = bias - period / (LEVEL * BIAS) * wrong
     return Rotation.from_quat(found)
+
+
+def _lowest(soles: Soles, rows: Array, up: Array) -> Array:
+    """Sphere [R] that lies lowest at some rows [R], the vertical [R, 3] given."""
+    height = np.einsum("rsk,rk->rs", soles.centre[rows], up) - soles.radius
+    return height.argmin(1)
 
 
 def _placed(turn: Rotation, soles: Soles, first: Array) -> Array:

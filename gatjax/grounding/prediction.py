@@ -51,8 +51,8 @@ def _slope(samples: Array, seconds: float) -> Array:
 def _state(world: World, angle: Array, base: Array, seconds: float) -> tuple:
     """Physics state [W, nq], [W, nv] at the last of three samples [W, 3, ...].
 
-    Velocities are backward differences of second order: the samples that are to be
-    predicted must not enter the state.
+    Velocities are backward differences, of second order but for the spin: the samples
+    that are to be predicted must not enter the state.
     """
     model = world.model
     qpos = np.zeros((len(angle), model.nq))

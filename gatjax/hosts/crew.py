@@ -190,9 +190,9 @@ class Crew:
                 costs = answer["costs"]
                 if not np.array_equal(answer["number"], self._number):
                     continue  # asked for by a generation that was begun again
-                if costs.shape == shape:
+                if costs.shape == shape and costs.dtype.kind == "f":
                     return costs
-                why = f"it sent costs {costs.shape} instead of {shape}"
+                why = f"it sent costs {costs.shape} {costs.dtype} instead of {shape}"
                 break
         except LOST:
             why = "it died or can not be reached"

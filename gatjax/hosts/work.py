@@ -14,6 +14,7 @@ from gatjax.hosts import wire
 from gatjax.hosts.crew import Run
 from gatjax.hosts.wire import LOST, Task
 
+FAILURES = (ValueError, ImportError, RuntimeError, OSError)  # of preparing a task
 PAUSE = 1.0  # s between attempts to reach the leader
 
 
@@ -29,8 +30,8 @@ def serve(
 
     Args:
         address: host and port of the leader.
-        prepared: what runs the policies of a task; raises ValueError where this host
-            can not.
+        prepared: what runs the policies of a task; raises one of FAILURES where this
+            host can not.
         patience: s to wait for a leader that is not there.
         say: shows a line to the user.
 
@@ -63,13 +64,16 @@ def _worked(
         me = f"{platform.node()} (process {os.getpid()})"
         try:
             run = prepared(task)
-        except ValueError as error:
+        except FAILURES as error:
             wire.send(link, name=me, refusal=str(error))
-            raise
+            raise ValueError(str(error)) from error
         wire.send(link, name=me, refusal="")
         say(f"works for {leader}")
         while "end" not in (order := wire.receive(link)):
-            costs = run(order["policies"], order["keys"])
+            try:
+                costs = run(order["policies"], order["keys"])
+            except LOST as error:  # of this host's own: nobody is gone
+                raise ValueError(f"this host failed: {error}") from error
             wire.send(link, number=order["number"], costs=costs)
             shares += 1
         return True, shares

@@ -21,6 +21,7 @@ from gatjax.loop.steps import generation
 from gatjax.runs import Progress
 from gatjax.settings import LoopSettings, SearchSettings
 from gatjax.sim.lighter import lighter
+from gatjax.sim.mjx import check_machine
 from gatjax.sim.world import World
 from gatjax.speed import machine, peers, stages
 from gatjax.speed.worlds import Walk, recorded, stepped_as, world_of
@@ -75,7 +76,14 @@ def measure(asked: Asked, progress: Progress) -> dict[str, Any]:
 
     Returns:
         Content of `gatjax bench --json`.
+
+    Raises:
+        ValueError: one line: a backend can't run here; nothing was measured.
     """
+    for backend in asked.backends:
+        engine, _, impl = backend.partition("-")
+        if engine == "mjx":
+            check_machine(impl)
     task = Task(duration=asked.seconds, longest_delay=0.0)
     shared(asked.count)
     world = world_of("plain", task)
