@@ -51,10 +51,11 @@ nvidia-smi || echo "no NVIDIA GPU here"
 gatjax doctor || failed=1
 
 # One process a backend: its peak memory is its own, and one that breaks stops no other.
-for backend in ${BACKENDS:-mjx-jax mjx-warp native}; do
+for backend in ${BACKENDS:-mjx-jax mjx-warp native environment}; do
     echo "== bench $backend"
     gatjax bench "${size[@]}" --backends "$backend" --kinds ${KINDS:-grounded} \
         --models ${MODELS:-full light} --json "$out/bench-$backend.json" || failed=1
+    [ "$backend" = environment ] && continue  # a loop to compare with: it searches nothing
     echo "== one generation of the paper on $backend"
     kind=(--backend "${backend%%-*}")
     [ "$backend" = native ] || kind+=(--impl "${backend#*-}")
