@@ -136,9 +136,7 @@ def errors(backend: Backend, values: Any, windows: Windows, seconds: float) -> d
     Returns:
         {(joint, horizon in s): error in rad}.
     """
-    start = windows.warm, windows.qpos, windows.qvel
-    predicted = np.asarray(backend.replay(values, windows.command, *start))
-    error = predicted - windows.angle[:, WARM + 1 :]
+    error = _wrong(backend, values, windows, windows.command.shape[1] - WARM)
     found = {}
     for steps in (1, error.shape[1]):
         rms = np.sqrt(np.mean(error[:, steps - 1] ** 2, axis=0))
@@ -155,10 +153,14 @@ def error_soon(
     What is not known of the torso makes a robot fall another way, which motors do not
     tell of: later predictions blame them for it.
     """
-    steps = round(SOON / seconds)
+    error = _wrong(backend, values, windows, round(SOON / seconds))
+    square = np.mean(error[..., WALKING] ** 2, axis=(0, 1)).sum()
+    return float(np.sqrt(square)) if np.isfinite(square) else np.inf
+
+
+def _wrong(backend: Backend, values: Any, windows: Windows, steps: int) -> Array:
+    """Predicted minus recorded angles [W, steps, J] rad."""
     start = windows.warm, windows.qpos, windows.qvel
     command = windows.command[:, : WARM + steps]
     predicted = np.asarray(backend.replay(values, command, *start))
-    error = predicted - windows.angle[:, WARM + 1 : WARM + 1 + steps]
-    square = np.mean(error[..., WALKING] ** 2, axis=(0, 1)).sum()
-    return float(np.sqrt(square)) if np.isfinite(square) else np.inf
+    return predicted - windows.angle[:, WARM + 1 : WARM + 1 + steps]
