@@ -12,6 +12,7 @@ from gatjax.data.finding import Finding, cell
 from gatjax.data.metadata import ANGLE
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import JointRun
+from gatjax.effects.ground import touching
 from gatjax.robot import model as robot_model
 from gatjax.sim.episode import ties
 from gatjax.sim.limbs import floats
@@ -32,8 +33,8 @@ def check_model(model: mujoco.MjModel, path: Path) -> None:
             f"{path}: a free joint that is not the robot's base; gatjax diagnose needs "
             f"a model of the robot and its floor alone, its base first"
         )
-    touching = np.flatnonzero(model.geom_contype | model.geom_conaffinity)
-    if floats(model) and (model.body_weldid[model.geom_bodyid[touching]] != 0).all():
+    bodies = model.geom_bodyid[touching(model)]
+    if floats(model) and (model.body_weldid[bodies] != 0).all():
         raise ValueError(
             f"{path}: the base floats (a free joint), and there is no ground to stand "
             f"on; add a plane, or take the free joint out and log the robot hanging"

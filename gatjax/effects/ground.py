@@ -12,9 +12,9 @@ Array = Any
 Fields = dict[str, Array]
 
 
-def _touching(model: Any) -> np.ndarray:
-    """Return geoms that can touch, [...] ids."""
-    return np.flatnonzero((model.geom_contype != 0) | (model.geom_conaffinity != 0))
+def touching(model: Any) -> np.ndarray:
+    """Return geoms of a MuJoCo model that can touch something, [...] ids."""
+    return np.flatnonzero(model.geom_contype | model.geom_conaffinity)
 
 
 def friction(model: Any, fields: Fields, mu: Array) -> Fields:
@@ -24,7 +24,7 @@ def friction(model: Any, fields: Fields, mu: Array) -> Fields:
     """
     field = now(model, fields, "geom_friction")
     if not np.isnan(mu):
-        field[_touching(model), 0] = mu
+        field[touching(model), 0] = mu
     return fields | {"geom_friction": field}
 
 
@@ -32,7 +32,7 @@ def compliance(model: Any, fields: Fields, time_constant: Array) -> Fields:
     """Set the time constant of contacts, s; NaN is neutral. MuJoCo's `solref`."""
     field = now(model, fields, "geom_solref")
     if not np.isnan(time_constant):
-        geoms = _touching(model)
+        geoms = touching(model)
         field[geoms, 1] = np.where(field[geoms, 0] > 0.0, field[geoms, 1], 1.0)
         field[geoms, 0] = time_constant
     return fields | {"geom_solref": field}
@@ -47,9 +47,9 @@ def wear(model: Any, fields: Fields, params: dict[str, Array]) -> Fields:
     """
     place = now(model, fields, "geom_pos")
     attitude = now(model, fields, "geom_quat")
-    touching = _touching(model)
+    contact = touching(model)
     for foot in np.flatnonzero(params["wear"]):
-        geoms = touching[model.geom_bodyid[touching] == foot]
+        geoms = contact[model.geom_bodyid[contact] == foot]
         if len(geoms) == 0:
             raise ValueError(
                 f"sole_geometry: {model.body(int(foot)).name!r} has no contact geom"

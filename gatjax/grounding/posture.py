@@ -19,6 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from gatjax.data.recording import Recording
+from gatjax.effects.ground import touching
 from gatjax.sim.episode import coupled
 
 Array = Any
@@ -85,9 +86,9 @@ def soles_of(model: mujoco.MjModel, angle: Array) -> Soles:
     """Find the soles of a robot with joint angles [N, J] rad."""
     slots = model.jnt_qposadr[model.actuator_trnid[:, 0]]
     feet = [model.jnt_bodyid[model.joint(name).id] for name in ANKLES]
-    touches = (model.geom_contype | model.geom_conaffinity) > 0
-    touches &= model.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE
-    balls = np.flatnonzero(touches & np.isin(model.geom_bodyid, feet))
+    sphere = model.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE
+    soles = np.flatnonzero(sphere & np.isin(model.geom_bodyid, feet))
+    balls = np.intersect1d(touching(model), soles)
     if not np.isin(feet, model.geom_bodyid[balls]).all():
         raise ValueError(
             "a foot of this model has no spheres that touch the floor, so the log does "

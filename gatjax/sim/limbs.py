@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from gatjax import task as tasks
+from gatjax.effects.ground import touching
 from gatjax.motions import Limbs
 from gatjax.records import JOINTS
 from gatjax.robot import nao
@@ -25,13 +26,13 @@ def put_down(model: mujoco.MjModel, angle: np.ndarray) -> np.ndarray:
     data.qpos[follower] = follows
     if floating:
         mujoco.mj_kinematics(model, data)
-        touching = np.flatnonzero(model.geom_contype | model.geom_conaffinity)
-        fixed = model.body_weldid[model.geom_bodyid[touching]] == 0
+        geoms = touching(model)
+        fixed = model.body_weldid[model.geom_bodyid[geoms]] == 0
         data.qpos[2] -= min(
             (
                 mujoco.mj_geomDistance(model, data, ground, geom, 1.0, None)
-                for ground in touching[fixed]
-                for geom in touching[~fixed]
+                for ground in geoms[fixed]
+                for geom in geoms[~fixed]
             ),
             default=0.0,
         )

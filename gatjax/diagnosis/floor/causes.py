@@ -16,6 +16,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from gatjax.effects.ground import touching
 from gatjax.sim.world import Values, World, add_cause
 
 FIELDS = ("geom_friction", "geom_solref", "geom_pos", "geom_quat", "opt.gravity")
@@ -46,8 +47,7 @@ class Suspect(NamedTuple):
 
 def feet(model: mujoco.MjModel) -> list[str]:
     """Bodies with contact geoms that are not fixed to the world."""
-    touching = np.flatnonzero(model.geom_contype | model.geom_conaffinity)
-    bodies = np.unique(model.geom_bodyid[touching])
+    bodies = np.unique(model.geom_bodyid[touching(model)])
     return [model.body(int(b)).name for b in bodies if model.body_weldid[b] != 0]
 
 
@@ -56,11 +56,11 @@ def suspects(model: mujoco.MjModel) -> list[Suspect]:
     size = np.deg2rad(1.5)
     lean = size * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
     found = [Suspect("gravity_tilt", "all", ("roll", "pitch"), lean, {}, 0.0, 0.5)]
-    touching = np.flatnonzero(model.geom_contype | model.geom_conaffinity)
-    mu = float(model.geom_friction[touching, 0].max())
+    geoms = touching(model)
+    mu = float(model.geom_friction[geoms, 0].max())
     slips = mu * np.array([[0.7], [0.45], [0.3], [0.2], [0.12], [0.07]])
     found.append(Suspect("ground_friction", "ground", ("mu",), slips, {}, 0.01, 3.0))
-    soft = max(float(model.geom_solref[touching, 0].max()), 0.004)
+    soft = max(float(model.geom_solref[geoms, 0].max()), 0.004)
     waits = soft * np.array([[0.6], [1.7], [3.0], [5.0], [8.0], [13.0]])
     found.append(
         Suspect(

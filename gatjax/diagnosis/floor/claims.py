@@ -22,6 +22,7 @@ from gatjax.diagnosis.floor.observed import (
 )
 from gatjax.diagnosis.floor.played import Rows
 from gatjax.diagnosis.floor.standing import Standing
+from gatjax.effects.ground import touching
 from gatjax.effects.sensor import turned
 from gatjax.sim.world import World
 
@@ -232,7 +233,6 @@ def _along(scene: Scene, suspect: Suspect, seen: np.ndarray) -> FloorClaim:
 def _neutral(scene: Scene, suspect: Suspect) -> float:
     """The value of a parameter in the nominal model."""
     model = scene.standing.model
-    touching = np.flatnonzero(model.geom_contype | model.geom_conaffinity)
     field = {"mu": model.geom_friction, "time_constant": model.geom_solref}
     name = suspect.axes[0]
-    return float(field[name][touching, 0].max()) if name in field else 0.0
+    return float(field[name][touching(model), 0].max()) if name in field else 0.0

@@ -21,6 +21,7 @@ import mujoco
 import numpy as np
 
 from gatjax.diagnosis.loads import Tree
+from gatjax.effects.ground import touching
 
 SLOW, FAST = 2.0 * np.pi * np.array([0.5, 4.0])  # rad/s, of what joints do
 
@@ -46,8 +47,7 @@ class Frame:
         self.moves = np.zeros((model.nv, self.base + tree.moves.shape[1]))
         self.moves[: self.base, : self.base] = np.eye(self.base)
         self.moves[:, self.base :] = tree.moves
-        touching = model.geom_contype | model.geom_conaffinity
-        feet = np.unique(model.geom_bodyid[np.flatnonzero(touching)])
+        feet = np.unique(model.geom_bodyid[touching(model)])
         self.feet = feet[model.body_weldid[feet] != 0]
         own = np.square(tree.moves).T @ model.dof_damping
         self.servo = np.zeros((2, self.moves.shape[1]))  # springs, dampers
