@@ -46,6 +46,12 @@ class Fit(NamedTuple):
     age: int = BORROWED  # iterations since the slopes of tolerances were simulated
 
     @property
+    def law(self) -> tuple[str, str]:
+        """Its newest cause and variant; there has to be one."""
+        assert self.hypothesis is not None
+        return self.hypothesis.law
+
+    @property
     def geared(self) -> bool:
         """Whether motor and link are simulated apart."""
         return self.hypothesis is not None and self.hypothesis.geared

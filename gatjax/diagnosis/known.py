@@ -12,6 +12,7 @@ import numpy as np
 from gatjax.diagnosis import case as cases
 from gatjax.diagnosis import drops, search
 from gatjax.diagnosis import fit as fits
+from gatjax.diagnosis.bank import CAUSES, of_drive
 from gatjax.diagnosis.case import Case, along, mapped
 from gatjax.diagnosis.claims import BODY, SEVERAL, Claim, shared_value, uncertainty
 from gatjax.diagnosis.fit import Fit
@@ -80,11 +81,7 @@ class Known:
         state = self.case, self.joints, list(self.known)
         self._draw(dict.fromkeys(held, 0.0))
         free = self._settled(claim, prior)
-        if any(
-            self.known[k].rms()
-            > astray(self.joints[k], self.known[k]) * self.joints[k].noise
-            for k in held
-        ):
+        if not all(self._followed(k) for k in held):
             self.case, self.joints, self.known = state
             free = self._settled(claim, prior)
         self._let_go()
@@ -95,6 +92,18 @@ class Known:
             if moved or index in claim.fits:
                 self.found.pop(index, None)
         return claim
+
+    def _followed(self, index: int) -> bool:
+        """Whether a joint can be followed undrawn, with one cause more if need be.
+
+        What is drawn shows little of a second cause.
+        """
+        joint, known = self.joints[index], self.known[index]
+        if known.rms() <= astray(joint, known) * joint.noise:
+            return True
+        bank = of_drive(joint, CAUSES)
+        best = min(search.explain(joint, known, bank), key=lambda fit: fit.rms())
+        return best.rms() <= astray(joint, best) * joint.noise
 
     def _converged(self, claim: Claim) -> Claim:
         """A claim about one joint with its fit at rest, in however flat a valley.

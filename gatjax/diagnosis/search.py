@@ -18,6 +18,7 @@ ROUNDS = (1, 2, 3, 5)  # iterations in each round
 PROPOSED = ((60, 3, 1), (24, 2, 2), (12, 1, 3))  # fits, a law, and iterations, a round
 RIVALS = 8  # fits that are returned; those that were dropped are not at their best
 SURE, BEHIND = 2, 40.0  # iterations until fits so many nats behind are dropped
+TWINS = 2  # fits of a law, of which one began with nominal tolerances
 PROMISING = 2.0  # nats: less is nothing
 SHAKEN = 2  # of the best fits, which are searched for anew if they are rough
 FEW = 20  # starts at most of a cause that tolerances may imitate
@@ -188,10 +189,16 @@ def explain(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
     known = fits.evidence(joint, base)
     dropped: list[Fit] = []
     for kept, rounds in zip(KEPT, ROUNDS, strict=True):
-        dropped += _best(found, len(found))[kept:]
-        found = fits.improve(joint, _best(found, kept), rounds)
+        every = _best(found, len(found))
+        dropped += every[kept:]
+        laws = {fit.law for fit in every[:kept]}
+        found = [fit for fit in found if fit.law in laws]
+        each = TWINS if rounds > SURE else 1
+        found = fits.improve(joint, _best(found, len(found), each), rounds)
         if rounds < SURE:
             continue
+        if rounds == SURE:
+            found += _relaxed(joint, found)
         gains = [fits.evidence(joint, fit) - known for fit in found]
         least = max(gains) - max(BEHIND, 0.6 * max(gains))
         near = [gain > least for gain in gains]
@@ -233,6 +240,19 @@ def _started(
     return found + scan(joint, fresh, few), False
 
 
+def _relaxed(joint: Joint, found: list[Fit]) -> list[Fit]:
+    """Fits with improbable tolerances, begun anew with nominal ones and their cause.
+
+    Tolerances that imitated a cause, at their bounds, hold its coordinates back.
+    """
+    plain = np.zeros(COUNT)
+    points = [
+        (fit.hypothesis, np.append(plain, fit.x[COUNT:])) for fit in found
+        if fit.x[:COUNT] @ fit.x[:COUNT] > SPARE
+    ]  # fmt: skip
+    return fits.improve(joint, fits.start(joint, points), SURE)
+
+
 def _shaken(joint: Joint, found: list[Fit], dropped: list[Fit]) -> list[Fit]:
     """Rough fits, searched for anew where stick, slip and bounces defeat gradients.
 
@@ -263,8 +283,7 @@ def _best(found: list[Fit], kept: int, each: int = 1) -> list[Fit]:
     """The best fits, best first, so many of them, and of each hypothesis."""
     chosen, seen = [], Counter()
     for fit in sorted(found, key=lambda fit: fit.cost):
-        assert fit.hypothesis is not None
-        seen[fit.hypothesis.law] += 1
-        if seen[fit.hypothesis.law] <= each:
+        seen[fit.law] += 1
+        if seen[fit.law] <= each:
             chosen.append(fit)
     return chosen[:kept]

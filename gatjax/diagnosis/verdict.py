@@ -9,11 +9,12 @@ from gatjax.diagnosis import case as cases
 from gatjax.diagnosis.aliases import alias
 from gatjax.diagnosis.claims import LATER, Claim
 from gatjax.diagnosis.exchange import Before, coupled, exchanged, instead
-from gatjax.diagnosis.findings import adequate, whole, worth_naming
+from gatjax.diagnosis.findings import ROUGH, adequate, whole, worth_naming
 from gatjax.diagnosis.hypotheses import COUNT
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.weighing import (
     LIKELY,
+    MARGIN,
     Cause,
     elsewhere,
     further,
@@ -71,6 +72,7 @@ def decide(judge: Judge) -> Verdict:
         best = next((c for c in claims if worth_naming(judge, c)), None)
         if best is None:
             break
+        best = _catalogued(judge, claims, best)
         now = Before(judge.fork(), claims)
         if not (judge.confirmed(best) or whole(judge, best)):
             room = len(causes) + 1 < judge.most
@@ -107,6 +109,23 @@ def decide(judge: Judge) -> Verdict:
         left = sorted({*left, *judge.case.aside})
     causes = [cause._replace(claim=judge.current(cause.claim)) for cause in causes]
     return Verdict(word(causes, left), causes, left, law, claims, judge)
+
+
+def _catalogued(judge: Judge, claims: list[Claim], best: Claim) -> Claim:
+    """The best claim; of a law without a name a named one that is as good.
+
+    A law that nobody asked about has to explain what the catalogue does not.
+    """
+    if best.hypothesis.cause:
+        return best
+    near = (
+        c for c in claims
+        if c.hypothesis.cause and c.place() == best.place()
+        and best.gain - c.gain < MARGIN and worth_naming(judge, c)
+    )  # fmt: skip
+    joint, other = judge.joints[best.where[0]], next(near, best)
+    level = other.fits[best.where[0]].rms() / joint.noise
+    return other if level < ROUGH and whole(judge, other) else best
 
 
 def _everywhere(judge: Judge) -> list[Cause]:
