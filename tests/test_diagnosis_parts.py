@@ -10,6 +10,7 @@ from test_diagnosis_plant import joint, wave
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import bank, drops, motion, noise, quantum
 from gatjax.diagnosis import fit as fits
+from gatjax.diagnosis import known as settling
 from gatjax.diagnosis.aliases import UPSIDE_DOWN
 from gatjax.diagnosis.assembly import TRANSPORT
 from gatjax.diagnosis.case import Case
@@ -357,6 +358,24 @@ def test_a_value_that_joints_share_stays_when_it_is_looked_for_again():
         found = known.refitted(claim)
         assert all(fit.rms() < one.noise for fit in found.fits.values())
         assert [len(fit.x) for fit in found.fits.values()] == [count] * len(claim.fits)
+
+
+@pytest.mark.parametrize(("shake", "follows"), [(0.0, True), (0.02, False)])
+def test_a_joint_is_followed_undrawn_where_one_cause_more_explains_it(
+    monkeypatch, shake, follows
+):
+    lag = by_cause("first_order_lag")
+    few = tuple(h for h in bank.CAUSES if h.cause in ("speed_limit", "gain_error"))
+    monkeypatch.setattr(settling, "CAUSES", few)
+    one, own = joint(wave), np.array([np.log(0.05)])
+    angle = one.simulate([{"lag": 0.05, "speed": 1.8}], False)[..., 0]
+    angle = angle + shake * np.random.default_rng(0).normal(size=angle.shape)
+    known = Known.__new__(Known)
+    known.joints = [one._replace(measured=angle)]
+    first = fits.start(known.joints[0], [(lag, np.append(np.zeros(COUNT), own))])
+    known.known = fits.improve(known.joints[0], first, 6)
+    assert known.known[0].rms() > 5.0 * one.noise
+    assert known._followed(0) is follows
 
 
 def test_lost_commands_that_are_looked_at_alone_forget_what_was_known_beside_them():

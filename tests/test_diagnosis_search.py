@@ -118,6 +118,20 @@ def test_an_uneven_servo_is_told_from_friction_of_one_direction(law, best):
     assert found is not None and best in (found.cause, found.variant)
 
 
+@pytest.mark.parametrize("seed", [0, 4])
+def test_tolerances_at_their_bounds_hold_no_cause_back(seed: int):
+    """They imitate it before it is known: 2.13 of 2.3 was left, or another cause."""
+    elbow, draw = joint(wave, rest=0.3), np.random.default_rng(seed)
+    every = of_drive(elbow, CAUSES)
+    bank = tuple(h for h in every if h.cause in ("damping_error", "viscous_friction"))
+    law = next(h for h in bank if h.cause == "damping_error")
+    drive = numbers(elbow, law, np.append(0.8 * draw.normal(size=COUNT), 2.3))
+    noise = 7e-4 * draw.normal(size=elbow.measured.shape)
+    elbow = elbow._replace(measured=elbow.simulate([drive], False)[..., 0] + noise)
+    best = search.explain(elbow, search.healthy(elbow), bank)[0]
+    assert best.law == law.law and best.x[-1] == pytest.approx(2.3, abs=0.05)
+
+
 def test_a_gap_is_found_where_slopes_end_in_the_first_valley():
     """Teeth bounce: of a gap of 90 mrad slopes make one of 52, the search one of 87."""
     elbow = joint(wave, rest=0.3)
