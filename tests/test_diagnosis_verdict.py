@@ -294,18 +294,19 @@ def test_a_cause_that_a_known_one_covers_is_not_told_again(first, second, covere
     assert again(claim(second), [claim(first)], 2) == covered
 
 
-@pytest.mark.parametrize(("gain", "level", "told"), [
-    (99.0, 1.2, "encoder_offset"),
-    (85.0, 1.2, ""),  # the law explains what the catalogue does not
-    (99.0, 4.0, ""),  # neither explains the joint
+@pytest.mark.parametrize(("gain", "level", "known", "told"), [
+    (99.0, 1.2, [], "encoder_offset"),
+    (95.0, 1.2, [], ""),  # the law explains what the catalogue does not
+    (99.0, 4.0, [], ""),  # neither explains the joint
+    (99.0, 1.2, [claim("stiction")], ""),  # which may be a half of it
 ])  # fmt: skip
 def test_a_law_without_a_name_gives_way_to_a_cause_that_is_as_good(
-    monkeypatch, gain, level, told
+    monkeypatch, gain, level, known, told
 ):
     for name in ("worth_naming", "whole"):
         monkeypatch.setattr(verdict, name, lambda judge, claim: True)
     fit, judge = FIT._replace(residual=np.array([level])), Told({})
-    judge.joints = [SimpleNamespace(noise=1.0)]
+    judge.joints, judge.accepted = [SimpleNamespace(noise=1.0)], known
     law = claim("")
     other = claim("encoder_offset", gain)._replace(fits={0: fit})
     elsewhere = claim("gain", 99.5)._replace(where=(1,))

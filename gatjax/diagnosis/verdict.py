@@ -13,8 +13,8 @@ from gatjax.diagnosis.findings import ROUGH, adequate, whole, worth_naming
 from gatjax.diagnosis.hypotheses import COUNT
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.weighing import (
+    CLOSE,
     LIKELY,
-    MARGIN,
     Cause,
     elsewhere,
     further,
@@ -112,16 +112,17 @@ def decide(judge: Judge) -> Verdict:
 
 
 def _catalogued(judge: Judge, claims: list[Claim], best: Claim) -> Claim:
-    """The best claim; of a law without a name a named one that is as good.
+    """The best claim; instead of a law without a name a cause that is as good.
 
-    A law that nobody asked about has to explain what the catalogue does not.
+    Such a law has to explain what the catalogue does not. It does where what is named
+    at a joint leaves so much that a second law is needed.
     """
-    if best.hypothesis.cause:
+    if best.hypothesis.cause or any(best.rivals(known) for known in judge.accepted):
         return best
     near = (
         c for c in claims
         if c.hypothesis.cause and c.place() == best.place()
-        and best.gain - c.gain < MARGIN and worth_naming(judge, c)
+        and best.gain - c.gain < CLOSE and worth_naming(judge, c)
     )  # fmt: skip
     joint, other = judge.joints[best.where[0]], next(near, best)
     level = other.fits[best.where[0]].rms() / joint.noise
