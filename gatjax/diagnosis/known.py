@@ -20,7 +20,7 @@ from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined, pinned
 from gatjax.diagnosis.joint import Joint
 
 ASTRAY = 3.5  # times the noise that the best explanation leaves: look again
-PARTED = 1.7  # the same with a gap, which parts any two runs
+PARTED = 1.7  # the same with a gap, which parts any two runs, or a further cause
 STRAY, FEW = 2.5, 0.2  # times the middle piece's misfit; share of pieces left aside
 CHANGED = 3.0  # nats: a joint whose evidence changed less keeps its fits
 ODD = 2.0  # times what the next worst of them leaves, that this one leaves
@@ -96,14 +96,15 @@ class Known:
     def _followed(self, index: int) -> bool:
         """Whether a joint can be followed undrawn, with one cause more if need be.
 
-        What is drawn shows little of a second cause.
+        What is drawn shows little of a second cause. It has to explain all but noise:
+        any further law explains a part.
         """
         joint, known = self.joints[index], self.known[index]
         if known.rms() <= astray(joint, known) * joint.noise:
             return True
         bank = of_drive(joint, CAUSES)
         best = min(search.explain(joint, known, bank), key=lambda fit: fit.rms())
-        return best.rms() <= astray(joint, best) * joint.noise
+        return best.rms() <= PARTED * joint.noise
 
     def _converged(self, claim: Claim) -> Claim:
         """A claim about one joint with its fit at rest, in however flat a valley.
