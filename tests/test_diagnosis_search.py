@@ -132,6 +132,27 @@ def test_tolerances_at_their_bounds_hold_no_cause_back(seed: int):
     assert best.law == law.law and best.x[-1] == pytest.approx(2.3, abs=0.05)
 
 
+@pytest.mark.parametrize(("cause", "own", "beside"), [
+    ("gain_error", np.log(0.6), "supply_sag"), ("first_order_lag", np.log(0.05), None),
+])  # fmt: skip
+def test_a_start_beside_strained_tolerances_hides_no_cause(cause, own, beside):
+    """It changes least, and leads nowhere: a gain was dropped, a lag of 50 ms was 27."""
+    elbow, draw = joint(wave, rest=0.3), np.random.default_rng(0)
+    around = ("gravity_tilt", "payload", "com_shift")  # without gravity
+    bank = tuple(h for h in of_drive(elbow, CAUSES) if h.cause not in around)
+    law = next(h for h in bank if h.cause == cause)
+    x = np.append(0.8 * draw.normal(size=COUNT), own)
+    angle = elbow.simulate([numbers(elbow, law, x)], False)[..., 0]
+    angle = angle + 7e-4 * draw.normal(size=angle.shape)
+    elbow = elbow._replace(measured=angle)
+    (right,) = fits.improve(elbow, fits.start(elbow, [(law, x)]), 8)
+    base = search.healthy(elbow)
+    for found, more in ((search.explain, 4.0), (search.proposals, 15.0)):
+        costs = {fit.law[0]: fit.cost for fit in found(elbow, base, bank)}
+        assert costs.pop(cause) < right.cost + more
+        assert beside is None or costs[beside] < right.cost + more
+
+
 def test_a_gap_is_found_where_slopes_end_in_the_first_valley():
     """Teeth bounce: of a gap of 90 mrad slopes make one of 52, the search one of 87."""
     elbow = joint(wave, rest=0.3)

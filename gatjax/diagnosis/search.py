@@ -193,8 +193,7 @@ def explain(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit]:
         dropped += every[kept:]
         laws = {fit.law for fit in every[:kept]}
         found = [fit for fit in found if fit.law in laws]
-        each = TWINS if rounds > SURE else 1
-        found = fits.improve(joint, _best(found, len(found), each), rounds)
+        found = fits.improve(joint, _best(found, len(found), TWINS), rounds)
         if rounds < SURE:
             continue
         if rounds == SURE:
@@ -218,6 +217,8 @@ def proposals(joint: Joint, base: Fit, bank: tuple[Hypothesis, ...]) -> list[Fit
     if calm:
         return _best(found, KEPT[-1])
     for kept, each, rounds in PROPOSED:
+        if each == 1:
+            found += _relaxed(joint, _best(found, kept))
         found = fits.improve(joint, _best(found, kept, each), rounds)
     return _best(found, RIVALS)
 
