@@ -9,7 +9,7 @@ from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis import search, shaken
 from gatjax.diagnosis.bank import CAUSES, OTHERS, of_drive
 from gatjax.diagnosis.fit import Fit
-from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, numbers
+from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined, numbers
 from gatjax.diagnosis.joint import Joint
 
 
@@ -183,6 +183,10 @@ def test_rough_fits_are_searched_for_anew_if_they_are_best_or_have_a_gear(
     found = [fit("a", 2.0), fit("b", 2.1), fit("calm", 1.2, True), fit("c", 3.0)]
     found += [fit("gear", 4.0, True)]
     gone = [fit("lost", 5.0), fit("teeth", 6.0, True), found[-1]]
+    beside = fit("drag", 6.0)  # of a joint that has a gear already
+    both = combined(gone[1].hypothesis, beside.hypothesis)
+    gone += [beside._replace(hypothesis=both)]
+    assert both.geared
     monkeypatch.setattr(
         shaken, "found", lambda _, one: asked.append(one.hypothesis.cause) or one
     )

@@ -257,7 +257,7 @@ def _relaxed(joint: Joint, found: list[Fit]) -> list[Fit]:
 def _shaken(joint: Joint, found: list[Fit], dropped: list[Fit]) -> list[Fit]:
     """Rough fits, searched for anew where stick, slip and bounces defeat gradients.
 
-    Where even the best one is rough, all those with a gear are; if it has one, those
+    Where even the best one is rough, all those with a gear are; if it has one, gears
     that slopes dropped as well: of teeth that bounce these tell little.
     """
     rough = [fit.rms() > ROUGH * joint.noise for fit in found]
@@ -268,7 +268,10 @@ def _shaken(joint: Joint, found: list[Fit], dropped: list[Fit]) -> list[Fit]:
     if rough[0] and found[0].geared:
         every = _best(found + dropped, len(found + dropped))
         known = {id(fit) for fit in found}
-        again += [fit for fit in every if fit.geared and id(fit) not in known]
+        again += [
+            fit for fit in every
+            if id(fit) not in known and fit.hypothesis and fit.hypothesis.newest.geared
+        ]  # fmt: skip
     better = [shaken.found(joint, fit) for fit in again]
     return found + fits.improve(joint, better, 4)
 
