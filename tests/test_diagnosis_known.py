@@ -58,6 +58,8 @@ class Arm(Known):
 
 def test_joints_that_stay_drawn_carry_what_was_accepted(monkeypatch):
     monkeypatch.setattr(known, "astray", lambda joint, found: known.ASTRAY)
+    monkeypatch.setattr(known, "of_drive", lambda joint, bank: ())
+    monkeypatch.setattr(known.search, "explain", lambda joint, one, bank: [one])
     arm = Arm(pulled=[0])
     found = claim("payload", fits={0: fit(1.0), 1: fit(1.0)})._replace(
         body=1, where=(1,)

@@ -122,11 +122,11 @@ def _catalogued(judge: Judge, claims: list[Claim], best: Claim) -> Claim:
     near = (
         c for c in claims
         if c.hypothesis.cause and c.place() == best.place()
-        and best.gain - c.gain < CLOSE and worth_naming(judge, c)
+        and best.gain - c.gain < CLOSE and worth_naming(judge, c) and whole(judge, c)
     )  # fmt: skip
-    joint, other = judge.joints[best.where[0]], next(near, best)
-    level = other.fits[best.where[0]].rms() / joint.noise
-    return other if level < ROUGH and whole(judge, other) else best
+    index = best.where[0]
+    clear = (c for c in near if c.fits[index].rms() < ROUGH * judge.joints[index].noise)
+    return next(clear, best)
 
 
 def _everywhere(judge: Judge) -> list[Cause]:
