@@ -9,9 +9,10 @@ from test_diagnosis_plant import COUNT, LEAD, STEP, joint, wave
 from test_diagnosis_sensitivity import logged
 
 from gatjax.data.trajectories import JointRun
+from gatjax.diagnosis import accepting, known
 from gatjax.diagnosis import case as cases
 from gatjax.diagnosis import fit as fits
-from gatjax.diagnosis import known
+from gatjax.diagnosis.accepting import ODD, Accepting
 from gatjax.diagnosis.bank import CAUSES
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.fit import Fit
@@ -19,10 +20,9 @@ from gatjax.diagnosis.hypotheses import COUNT as TOLERANCES
 from gatjax.diagnosis.hypotheses import Hypothesis
 from gatjax.diagnosis.joint import BOUNCING, GEARS
 from gatjax.diagnosis.judge import Judge
-from gatjax.diagnosis.known import ODD, Known
 
 
-class Arm(Known):
+class Arm(Accepting):
     """Three joints of NOISE, of which the first carries links 1 and 2."""
 
     def __init__(self, pulled=(), astray=9.0):
@@ -57,7 +57,7 @@ class Arm(Known):
 
 
 def test_joints_that_stay_drawn_carry_what_was_accepted(monkeypatch):
-    monkeypatch.setattr(known, "astray", lambda joint, found: known.ASTRAY)
+    monkeypatch.setattr(accepting, "astray", lambda joint, found: known.ASTRAY)
     monkeypatch.setattr(known, "of_drive", lambda joint, bank: ())
     monkeypatch.setattr(known.search, "explain", lambda joint, one, bank: [one])
     arm = Arm(pulled=[0])
@@ -88,15 +88,15 @@ def test_an_accepted_cause_of_one_joint_has_the_size_at_which_its_fit_rests():
     hurried = Claim(cause, early.x[-1:], (0,), {0: early}, 10.0)
     drawn = Arm(pulled=[0])
     drawn.joints, drawn.known = [one], [early]
-    assert Known._converged(drawn, hurried) is hurried
-    rested = Known._converged(arm, hurried)
+    assert Accepting._converged(drawn, hurried) is hurried
+    rested = Accepting._converged(arm, hurried)
     assert rested.fits[0].settled and not early.settled
     assert rested.own == pytest.approx(own, abs=0.05)
     assert abs(early.x[-1] - own[0]) > 0.1
     more = fits.evidence(one, rested.fits[0]) - fits.evidence(one, early)
     assert more > 0.0 and rested.gain == pytest.approx(10.0 + more)
     several = hurried._replace(fits={0: early, 1: early}, where=(0, 1))
-    assert Known._converged(arm, several) is several
+    assert Accepting._converged(arm, several) is several
 
 
 def test_all_joints_that_carry_a_link_bear_what_it_carries():
@@ -121,12 +121,12 @@ def test_a_joint_with_a_cause_of_its_own_has_no_say(left, odd):
 
 def test_the_others_agree_without_a_joint_that_is_odd(monkeypatch):
     heard = []
-    monkeypatch.setattr(known, "combined", lambda first, newest: newest)
+    monkeypatch.setattr(accepting, "combined", lambda first, newest: newest)
     monkeypatch.setattr(known.fits, "start", lambda joint, points: [fit(1.0)])
     monkeypatch.setattr(known.fits, "improve", lambda joint, found, rounds: found)
-    monkeypatch.setattr(known, "uncertainty", lambda found, count: None)
+    monkeypatch.setattr(accepting, "uncertainty", lambda found, count: None)
     agreed = lambda found, count: heard.append(len(found)) or np.zeros(1)  # noqa: E731
-    monkeypatch.setattr(known, "shared_value", agreed)
+    monkeypatch.setattr(accepting, "shared_value", agreed)
     many = claim("gain_error", fits={k: fit(1.0) for k in range(3)})
     many = many._replace(hypothesis=many.hypothesis._replace(low=(-1.0,), high=(1.0,)))
     settled = Arm()._agreed(many, [fit(1.0)] * 3, 2)

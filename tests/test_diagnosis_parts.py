@@ -8,9 +8,8 @@ import pytest
 from test_diagnosis_plant import joint, wave
 
 from gatjax.data.trajectories import JointRun
-from gatjax.diagnosis import bank, drops, motion, noise, quantum
+from gatjax.diagnosis import accepting, bank, drops, motion, noise, quantum
 from gatjax.diagnosis import fit as fits
-from gatjax.diagnosis import known as settling
 from gatjax.diagnosis.aliases import UPSIDE_DOWN
 from gatjax.diagnosis.assembly import TRANSPORT
 from gatjax.diagnosis.case import Case
@@ -366,12 +365,12 @@ def test_a_joint_is_followed_undrawn_where_one_cause_more_explains_it(
 ):
     lag = by_cause("first_order_lag")
     few = tuple(h for h in bank.CAUSES if h.cause in ("speed_limit", "gain_error"))
-    monkeypatch.setattr(settling, "CAUSES", few)
+    monkeypatch.setattr(accepting, "CAUSES", few)
     one, own = joint(wave), np.array([np.log(0.05)])
     angle = one.simulate([{"lag": 0.05, "speed": 1.8}], False)[..., 0]
     angle = angle + shake * np.random.default_rng(0).normal(size=angle.shape)
-    known = Known.__new__(Known)
-    known.joints = [one._replace(measured=angle)]
+    known = accepting.Accepting.__new__(accepting.Accepting)
+    known.joints, known.accepted = [one._replace(measured=angle)], []
     first = fits.start(known.joints[0], [(lag, np.append(np.zeros(COUNT), own))])
     known.known = fits.improve(known.joints[0], first, 6)
     assert known.known[0].rms() > 5.0 * one.noise

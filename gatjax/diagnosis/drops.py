@@ -145,8 +145,8 @@ def find(
         commands: of each run [N], rad.
         rival: what the best other explanation leaves, rad.
     """
-    plain = np.append(np.zeros(COUNT), base.x[COUNT:])
-    first = _turns(joint, base, commands, (plain, FIRST * joint.noise), ROUNDS)
+    plain = fits.unspent(base.x), FIRST * joint.noise
+    first = _turns(joint, base, commands, plain, ROUNDS)
     near = min(NEAR * joint.noise, PROMISING * rival)
     if not DECODED * joint.noise < first.fit.rms() < near:
         return first

@@ -56,6 +56,11 @@ class Fit(NamedTuple):
         """Whether motor and link are simulated apart."""
         return self.hypothesis is not None and self.hypothesis.geared
 
+    @property
+    def spent(self) -> float:
+        """Squared deviations of its tolerances, of all together."""
+        return float(self.x[:COUNT] @ self.x[:COUNT])
+
     def rms(self) -> float:
         """Of the residual, rad."""
         return float(np.sqrt(np.mean(np.square(self.residual))))
@@ -102,6 +107,11 @@ def with_last(fit: Fit, cause: str) -> Fit:
         hypothesis=owner, x=x, slopes=fit.slopes[:, order],
         information=fit.information[np.ix_(order, order)],
     )  # fmt: skip
+
+
+def unspent(x: np.ndarray) -> np.ndarray:
+    """Coordinates with nominal tolerances, which imitate nothing, and their causes'."""
+    return np.append(np.zeros(COUNT), x[COUNT:])
 
 
 def put_together(
@@ -168,8 +178,7 @@ def evidence(joint: Joint, fit: Fit) -> float:
     """
     count = independent(joint)
     level = max(fit.rms() / joint.noise, FLOOR)
-    spare = fit.x[:COUNT] @ fit.x[:COUNT]
-    return float(-count * np.log(level) - 0.5 * spare)
+    return float(-count * np.log(level) - 0.5 * fit.spent)
 
 
 def bounds(hypothesis: Hypothesis | None) -> tuple[np.ndarray, np.ndarray]:

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from gatjax.diagnosis import case as cases
-from gatjax.diagnosis import drops, search
+from gatjax.diagnosis import drops, lost
 from gatjax.diagnosis import fit as fits
-from gatjax.diagnosis.bank import CAUSES, OTHERS, of_drive
+from gatjax.diagnosis.accepting import Accepting
+from gatjax.diagnosis.bank import CAUSES
 from gatjax.diagnosis.case import mapped
 from gatjax.diagnosis.claims import (
     BODY,
@@ -28,16 +29,15 @@ from gatjax.diagnosis.claims import (
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined, pinned
 from gatjax.diagnosis.joint import BOUNCING, OBSERVED, PULLS, Joint
-from gatjax.diagnosis.known import ASTRAY, PARTED, Known, parted
+from gatjax.diagnosis.known import ASTRAY, PARTED, parted
 
-NOISY = 1.7  # times the noise that the best cause leaves: commands may be lost
 STRAYING = 0.3  # of the residual before, that it leaves at least
 MOST = 4  # shared causes that are looked into
 BODIES = 2  # bodies that are looked into closely
 RIVAL = 0.4  # of the best gain at a joint: a body cause must come that near
 
 
-class Judge(Known):
+class Judge(Accepting):
     """Finds the claims that explain a case best, given what is explained already."""
 
     most = 3  # causes of a case
@@ -91,15 +91,15 @@ class Judge(Known):
         missing = [k for k in range(len(self.joints)) if k not in self.found]
         fits = mapped(self.explained, missing, lambda share: self.tell("causes", share))
         self.found |= dict(zip(missing, fits, strict=True))
-        lost = self._lost(missing)
-        solved = {k for claim in lost for k in claim.fits}
+        out = lost.claims(self, missing)
+        solved = {k for claim in out for k in claim.fits}
         if fewer := self._leave_aside([k for k in missing if k not in solved]):
-            lost = self._lost(fewer)
-            solved = {k for claim in lost for k in claim.fits}
+            out = lost.claims(self, fewer)
+            solved = {k for claim in out for k in claim.fits}
         left = [k for k in missing if k not in solved]
         for rate in (*PULLS, BOUNCING):
             self._pull([k for k in left if self._misses(k, rate)], rate)
-        found = self._single() + lost
+        found = self._single() + out
         if len(self.joints) > 1:
             shared = [c for c in self._shared(found) if not outdone(c, found)]
             found += shared + self._bodies(found)
@@ -112,7 +112,7 @@ class Judge(Known):
 
     def _misses(self, index: int, rate: float) -> bool:
         """Whether a joint is drawn less, and even its best explanation goes astray."""
-        joint, best = self.joints[index], self._best(index)
+        joint, best = self.joints[index], self.best(index)
         known = self.known[index].rms()
         if known > ASTRAY * joint.noise and parted(joint, best):
             missed = best.rms() > PARTED * joint.noise
@@ -124,7 +124,7 @@ class Judge(Known):
 
     def _leave_aside(self, joints: list[int]) -> list[int]:
         """Look at joints again without pieces that nothing explains; those that had."""
-        strays = {k: self.strays(k, self._best(k)) for k in joints}
+        strays = {k: self.strays(k, self.best(k)) for k in joints}
         aside = self.case.aside
         strays = {k: runs for k, runs in strays.items() if runs != aside.get(k, ())}
         if strays:
@@ -133,24 +133,11 @@ class Judge(Known):
             self.found |= dict(zip(strays, found, strict=True))
         return [*strays]
 
-    def _best(self, index: int) -> Fit:
-        """The best explanation of a joint."""
-        every = [self.known[index], *self.found[index]]
-        return min(every, key=lambda fit: fit.rms())
-
     def _pull(self, joints: list[int], rate: float) -> None:
         """Look at joints again, drawn to their measured motion at a rate in 1/s."""
         self._draw(dict.fromkeys(joints, rate))
         found = mapped(self.explained, joints, lambda share: self.tell("astray", share))
         self.found |= dict(zip(joints, found, strict=True))
-
-    def explained(self, index: int) -> list[Fit]:
-        """Fits of the causes that explain a joint best, beside what is known."""
-        joint = self.joints[index]
-        bank = of_drive(joint, CAUSES + OTHERS)
-        if self.lent(index) not in (None, index):
-            bank = tuple(h for h in bank if h.cause not in BODY)
-        return search.explain(joint, self.known[index], bank)
 
     def _single(self) -> list[Claim]:
         """Claims about one joint."""
@@ -187,10 +174,9 @@ class Judge(Known):
     ) -> list[Fit]:
         """A joint's fits with given values of causes."""
         known = self.known[index]
-        plain = np.append(np.zeros(COUNT), known.x[COUNT:])  # imitates nothing
         points = [
             (combined(known.hypothesis, pinned(h, own)), x)
-            for h, own in values for x in (known.x, plain)
+            for h, own in values for x in (known.x, fits.unspent(known.x))
         ]  # fmt: skip
         first = fits.start(joint, points)
         pairs = zip(first[::2], first[1::2], strict=True)
@@ -313,69 +299,3 @@ class Judge(Known):
             return out
 
         return max(gains), make
-
-    def _lost(self, missing: list[int]) -> list[Claim]:
-        """Claims that commands got lost on the way to a joint, or to all.
-
-        Args:
-            missing: joints that changed since losses were looked for.
-        """
-        left = {k: self._best(k).rms() for k in missing}
-        noisy = [
-            k for k in missing
-            if left[k] > NOISY * self.joints[k].noise
-            and not (self.known[k].geared or self.joints[k].assumed.geared)
-            and not any(k in (claim.lost or {}) for claim in self.accepted)
-        ]  # fmt: skip
-        self.losses = {k: v for k, v in self.losses.items() if k not in missing}
-        found = mapped(
-            lambda k: self._decoded(k, left[k]), noisy, lambda s: self.tell("losses", s)
-        )
-        self.losses |= dict(zip(noisy, found, strict=True))
-        out = [claim for claim in self.losses.values() if claim is not None]
-        good = [claim for claim in out if claim.lost and claim.gain > WORTH]
-        if len(good) > 0.6 * len(self.joints) and len(self.joints) > 1:
-            joined: dict[int, Fit] = {}
-            lost: dict[int, list[np.ndarray]] = {}
-            for claim in good:
-                joined |= claim.fits
-                lost |= claim.lost or {}
-            every = tuple(range(len(self.joints)))
-            gain = sum(claim.gain + PLACE for claim in good) - PLACE
-            claim = Claim(drops.LOST, np.zeros(0), every, joined, gain)
-            out.append(claim._replace(lost=lost))
-        return out
-
-    def _decoded(self, index: int, rival: float) -> Claim | None:
-        """A claim that a joint lost commands, or its power; not drawn.
-
-        `rival` is what the best other explanation leaves, rad.
-        """
-        joint, known = self.joints[index], self.known[index]
-        if not joint.servoed:
-            return None  # nothing keeps two open loops together
-        if index in self.case.pulled:
-            joint = joint.drawn(0.0)
-            first = fits.start(joint, [(known.hypothesis, known.x)])
-            known = fits.improve(joint, first, 6)[0]
-        commands = self.case.commands(index)
-        loss = drops.find(joint, known, commands, rival)
-        outage = drops.outage(joint, known, commands, loss)
-
-        def claim(found: drops.Losses) -> Claim:
-            gain = fits.evidence(found.joint, found.fit) - fits.evidence(joint, known)
-            gain -= found.price + PLACE
-            owner = found.fit.hypothesis
-            assert owner is not None
-            return Claim(owner.newest, np.zeros(0), (index,), {index: found.fit}, gain)
-
-        heard = np.flatnonzero(joint.valid.any(1))  # not left aside
-        told = [loss.lost[run] for run in heard], [commands[run] for run in heard]
-        even = drops.evenly(*told, joint.noise) > drops.UNLIKELY
-        random = even and drops.selective(*told) < drops.SELECTIVE
-        right = [
-            claim(found)._replace(lost={index: loss.lost} if found is loss else None)
-            for found in (loss if random else None, outage)
-            if found is not None and found.fit.rms() < drops.DECODED * joint.noise
-        ]
-        return max(right, key=lambda claim: claim.gain, default=None)

@@ -1,4 +1,4 @@
-"""What is known about each joint, and how it changes when a claim is accepted."""
+"""What is known about each joint, beside which claims are looked at."""
 
 from __future__ import annotations
 
@@ -12,22 +12,16 @@ import numpy as np
 from gatjax.diagnosis import case as cases
 from gatjax.diagnosis import drops, search
 from gatjax.diagnosis import fit as fits
-from gatjax.diagnosis.bank import CAUSES, of_drive
+from gatjax.diagnosis.bank import CAUSES, OTHERS, of_drive
 from gatjax.diagnosis.case import Case, along, mapped
-from gatjax.diagnosis.claims import BODY, SEVERAL, Claim, shared_value, uncertainty
+from gatjax.diagnosis.claims import BODY, Claim, uncertainty
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined, pinned
 from gatjax.diagnosis.joint import Joint
 
 ASTRAY = 3.5  # times the noise that the best explanation leaves: look again
 PARTED = 1.7  # the same with a gap, which parts any two runs, or a further cause
-STRAY, FEW = 2.5, 0.2  # times the middle piece's misfit; share of pieces left aside
-CHANGED = 3.0  # nats: a joint whose evidence changed less keeps its fits
-ODD = 2.0  # times what the next worst of them leaves, that this one leaves
-SETTLING = 3  # iterations in which joints settle on a value
-CONVERGING = 40  # iterations at most of the fit of an accepted claim
 REFITTING = 12  # iterations of a claim beside something else
-PASSES = 6  # over the loads that a new claim makes, at most
 
 Mine = TypeVar("Mine", bound="Known")
 
@@ -65,126 +59,48 @@ class Known:
         self.losses: dict[int, Claim | None] = {}
         self.accepted: list[Claim] = []
 
-    def accept(self, claim: Claim) -> Claim:
-        """Take a claim for known, with the loads along the motion that it makes.
+    def fork(self: Mine) -> Mine:
+        """The same, but it may accept another claim."""
+        other = copy.copy(self)
+        other.joints, other.known = list(self.joints), list(self.known)
+        other.accepted, other.found = list(self.accepted), dict(self.found)
+        other.losses = dict(self.losses)
+        return other
 
-        Returns:
-            The claim with its numbers on those loads.
-        """
-        before = [self._evidence(k) for k in range(len(self.joints))]
-        prior, drawn = list(self.known), self.case.pulled
-        self.accepted.append(claim)
-        self.joints = self.altered(self.case)
-        for index, fit in claim.fits.items():
-            self.known[index] = fit
-        held = set(drawn) & set(claim.fits)
-        state = self.case, self.joints, list(self.known)
-        self._draw(dict.fromkeys(held, 0.0))
-        free = self._settled(claim, prior)
-        if not all(self._followed(k) for k in held):
-            self.case, self.joints, self.known = state
-            free = self._settled(claim, prior)
-        self._let_go()
-        self._count_again(free.fits)
-        claim = self.accepted[-1] = self._converged(free)
-        for index, old in enumerate(before):
-            moved = abs(self._evidence(index) - old) > CHANGED
-            if moved or index in claim.fits:
-                self.found.pop(index, None)
-        return claim
+    def altered(self, case: Case) -> list[Joint]:
+        """The case's joints with the bodies and the commands that claims changed."""
+        out = list(case.joints)
+        for claim in self.accepted:
+            for index in claim.fits:
+                out[index] = changed(case, claim, index, out[index])
+        return out
 
-    def _followed(self, index: int) -> bool:
-        """Whether a joint can be followed undrawn, with one cause more if need be.
+    def evidence(self, without: int | None = None) -> float:
+        """Nats of what is known, all joints together but for one that is left out."""
+        every = range(len(self.joints))
+        return sum(self._evidence(k) for k in every if k != without)
 
-        What is drawn shows little of a second cause. It has to explain all but noise:
-        any further law explains a part.
-        """
-        joint, known = self.joints[index], self.known[index]
-        if known.rms() <= astray(joint, known) * joint.noise:
-            return True
-        bank = of_drive(joint, CAUSES)
-        best = min(search.explain(joint, known, bank), key=lambda fit: fit.rms())
-        return best.rms() <= PARTED * joint.noise
+    def _evidence(self, index: int) -> float:
+        return fits.evidence(self.joints[index], self.known[index])
 
-    def _converged(self, claim: Claim) -> Claim:
-        """A claim about one joint with its fit at rest, in however flat a valley.
+    def score(self, index: int, fit: Fit, joint: Joint | None = None) -> float:
+        """Nats of a fit over what is known about a joint."""
+        return fits.evidence(joint or self.joints[index], fit) - self._evidence(index)
 
-        The search ends when it can tell causes apart, which is earlier. A servo's joint
-        that is drawn is left there: it is not followed, and what would fit it best then
-        predicts less (motors, which are always drawn a little, are followed).
-        """
-        count, index = len(claim.own), claim.where[0]
-        alone = len(claim.fits) == 1 and claim.body is None and count
-        if not alone or index in self.case.pulled:
-            return claim
-        joint, before = self.joints[index], self.known[index]
-        fit = self.known[index] = fits.improve(joint, [before], CONVERGING)[0]
-        more = fits.evidence(joint, fit) - fits.evidence(joint, before)
-        return claim._replace(
-            own=fit.x[-count:], fits={index: fit}, gain=claim.gain + more,
-            covariance=uncertainty([fit], count),
-        )  # fmt: skip
+    def explained(
+        self, index: int, bank: tuple[Hypothesis, ...] = CAUSES + OTHERS
+    ) -> list[Fit]:
+        """Fits of a bank's laws that explain a joint best, beside what is known."""
+        joint = self.joints[index]
+        bank = of_drive(joint, bank)
+        if self.lent(index) not in (None, index):
+            bank = tuple(h for h in bank if h.cause not in BODY)
+        return search.explain(joint, self.known[index], bank)
 
-    def take(self, claims: list[Claim], known: list[Fit]) -> None:
-        """Take claims about all joints for known, with the fits that they make.
-
-        Joints that these follow to near their noise are not searched any further.
-        """
-        self.accepted += claims
-        self.known = known
-        for _ in range(PASSES):
-            old = self.case, self.joints, self.known
-            total = self.evidence()
-            self._weigh()
-            better = self.evidence() - total
-            if better < CHANGED:
-                if better < -CHANGED:
-                    self.case, self.joints, self.known = old
-                break
-        pairs = enumerate(zip(self.joints, self.known, strict=True))
-        self.found = {k: [] for k, (j, fit) in pairs if fit.rms() < ASTRAY * j.noise}
-
-    def _let_go(self) -> None:
-        """Stop drawing joints without a cause that by now can be followed without."""
-        named = {k for claim in self.accepted for k in claim.fits}
-        idle = {k: rate for k, rate in self.case.pulled.items() if k not in named}
-        if not idle:
-            return
-        self._draw(dict.fromkeys(idle, 0.0))
-        left = {k: self.known[k].rms() / self.joints[k].noise for k in idle}
-        self._draw({k: rate for k, rate in idle.items() if left[k] > ASTRAY})
-
-    def _count_again(self, joints: Collection[int]) -> None:
-        """Count pieces of joints that were left aside, but for those still astray."""
-        back: dict[int, tuple[int, ...]] = {
-            k: () for k in joints if self.case.aside.get(k)
-        }
-        if not back:
-            return
-        self._renew(cases.left_aside(self.case, back), back)
-        every = {k: self.strays(k, self.known[k]) for k in back}
-        if strays := {k: runs for k, runs in every.items() if runs}:
-            self._renew(cases.left_aside(self.case, strays), strays)
-
-    def strays(self, index: int, best: Fit) -> tuple[int, ...]:
-        """The pieces of logs that a joint's best explanation misses, if they are few.
-
-        Such as a chirp's fastest end, where a drive does what no law of the bank tells.
-        Those that are left aside already stay so.
-        """
-        joint, gone = self.joints[index], self.case.aside.get(index, ())
-        if not all(run.within for run in self.case.runs):
-            return ()
-        counts = joint.valid.sum(1)
-        parts = np.split(np.square(best.residual), np.cumsum(counts)[:-1])
-        left = {
-            run: float(np.sqrt(part.mean()))
-            for run, part in enumerate(parts) if len(part)
-        }  # fmt: skip
-        middle, worst = float(np.median([*left.values()])), max(left.values())
-        least = max(STRAY * middle, ASTRAY * joint.noise, worst / 2.0)
-        every = (*gone, *(run for run, rms in left.items() if rms > least))
-        return every if len(every) <= FEW * (len(gone) + len(left)) else gone
+    def best(self, index: int) -> Fit:
+        """The best explanation of a joint."""
+        every = [self.known[index], *self.found[index]]
+        return min(every, key=lambda fit: fit.rms())
 
     def _draw(self, rates: dict[int, float]) -> None:
         """Draw joints to their measured motion at other rates, 1/s; 0: not at all."""
@@ -200,93 +116,11 @@ class Known:
         for index, fit in zip(joints, mapped(self._again, joints), strict=True):
             self.known[index] = fit
 
-    def _settled(self, claim: Claim, prior: list[Fit]) -> Claim:
-        """The newest claim on the loads of the motion that it makes.
-
-        Args:
-            claim: to settle, accepted already.
-            prior: what was known about each joint before it.
-        """
-        odd = self._odd(claim.fits)
-        for _ in range(PASSES if len(self.joints) > 1 else 0):
-            old = claim, self.case, self.joints, self.known
-            total = self.evidence(odd)
-            self._weigh()
-            claim = self._agreed(claim, prior, odd)
-            better = self.evidence(odd) - total
-            if better < -CHANGED:
-                claim, self.case, self.joints, self.known = old
-            self.accepted[-1] = claim
-            if better < CHANGED and not claim.moved(old[0]):
-                break
-        return claim
-
     def _weigh(self) -> None:
         """Weigh loads along the motion that the fits make, and fit again on them."""
         self.case = along(self.case, self.joints, self.known)
         self.joints = self.altered(self.case)
         self.known = mapped(self._again, range(len(self.joints)))
-
-    def _agreed(self, claim: Claim, prior: list[Fit], odd: int | None) -> Claim:
-        """A claim at the value that its joints agree on now, all but an odd one."""
-        count = len(claim.own)
-        if not count:
-            return claim
-        if len(claim.fits) == 1 and claim.body is None:
-            fit = self.known[claim.where[0]]
-            return claim._replace(
-                own=fit.x[-count:], fits={claim.where[0]: fit},
-                covariance=uncertainty([fit], count),
-            )  # fmt: skip
-
-        def advanced(index: int, newest: Hypothesis, x: np.ndarray) -> Fit:
-            joint, owner = self.joints[index], combined(prior[index].hypothesis, newest)
-            return fits.improve(joint, fits.start(joint, [(owner, x)]), SETTLING)[0]
-
-        def free(index: int) -> Fit:
-            x = np.append(self.known[index].x, claim.own)
-            return advanced(index, claim.hypothesis, x)
-
-        found = dict(zip(claim.fits, mapped(free, claim.fits), strict=True))
-        heard = [fit for k, fit in found.items() if k != odd]
-        own = shared_value(heard, claim.hypothesis)
-        same = pinned(claim.hypothesis, own)
-        every = mapped(lambda k: advanced(k, same, found[k].x[:-count]), found)
-        settled = dict(zip(found, every, strict=True))
-        sure = uncertainty(heard, count)
-        for index, fit in settled.items():
-            self.known[index] = fit
-        return claim._replace(own=own, fits=settled, covariance=sure)
-
-    def _odd(self, found: dict[int, Fit]) -> int | None:
-        """The joint that an agreed value suits badly, where it suits the others.
-
-        It has a cause of its own besides, and no say in what the others agree on.
-        """
-        left = {k: fit.rms() / self.joints[k].noise for k, fit in found.items()}
-        if len(left) < SEVERAL:
-            return None
-        *_, second, worst = sorted(left, key=lambda k: left[k])
-        return worst if left[worst] > max(ASTRAY, ODD * left[second]) else None
-
-    def fork(self: Mine) -> Mine:
-        """The same, but it may accept another claim."""
-        other = copy.copy(self)
-        other.joints, other.known = list(self.joints), list(self.known)
-        other.accepted, other.found = list(self.accepted), dict(self.found)
-        other.losses = dict(self.losses)
-        return other
-
-    def _evidence(self, index: int) -> float:
-        return fits.evidence(self.joints[index], self.known[index])
-
-    def altered(self, case: Case) -> list[Joint]:
-        """The case's joints with the bodies and the commands that claims changed."""
-        out = list(case.joints)
-        for claim in self.accepted:
-            for index in claim.fits:
-                out[index] = changed(case, claim, index, out[index])
-        return out
 
     def _again(self, index: int) -> Fit:
         """The known fit of a joint on its new loads."""
@@ -321,8 +155,8 @@ class Known:
             joint = changed(self.case, claim, index, self.joints[index])
             known = self.known[index]
             owner = combined(known.hypothesis, newest)
-            plain = np.append(np.zeros(COUNT), known.x[COUNT:])
-            points = [(owner, np.append(x, own)) for x in (known.x, plain)]
+            begins = known.x, fits.unspent(known.x)
+            points = [(owner, np.append(x, own)) for x in begins]
             first = fits.improve(joint, fits.start(joint, points), REFITTING)
             return min(first, key=lambda fit: fit.cost)
 
@@ -351,12 +185,3 @@ class Known:
     def spare(self, body: int) -> bool:
         """Whether no joint that moves a body has the terms of another changed one."""
         return all(self.lent(k) in (None, body) for k in self.case.bearers(body))
-
-    def evidence(self, without: int | None = None) -> float:
-        """Nats of what is known, all joints together but for one that is left out."""
-        every = range(len(self.joints))
-        return sum(self._evidence(k) for k in every if k != without)
-
-    def score(self, index: int, fit: Fit, joint: Joint | None = None) -> float:
-        """Nats of a fit over what is known about a joint."""
-        return fits.evidence(joint or self.joints[index], fit) - self._evidence(index)

@@ -18,7 +18,7 @@ ROUNDS = (1, 2, 3, 5)  # iterations in each round
 PROPOSED = ((60, 3, 1), (24, 2, 2), (12, 1, 3))  # fits, a law, and iterations, a round
 RIVALS = 8  # fits that are returned; those that were dropped are not at their best
 SURE, BEHIND = 2, 40.0  # iterations until fits so many nats behind are dropped
-TWINS = 2  # fits of a law, of which one began with nominal tolerances
+TWINS = 2  # fits of a law that are followed, from different starts
 PROMISING = 2.0  # nats: less is nothing
 SHAKEN = 2  # of the best fits, which are searched for anew if they are rough
 FEW = 20  # starts at most of a cause that tolerances may imitate
@@ -234,9 +234,7 @@ def _started(
     found, known = scan(joint, base, bank), fits.evidence(joint, base)
     if _unsuspicious(joint, base, [fits.evidence(joint, f) - known for f in found]):
         return found, True
-    plain = base.x.copy()
-    plain[:COUNT] = 0.0
-    fresh = fits.start(joint, [(base.hypothesis, plain)])[0]
+    fresh = fits.start(joint, [(base.hypothesis, fits.unspent(base.x))])[0]
     few = tuple(h for h in bank if len(h.starts) < FEW)
     return found + scan(joint, fresh, few), False
 
@@ -246,11 +244,9 @@ def _relaxed(joint: Joint, found: list[Fit]) -> list[Fit]:
 
     Tolerances that imitated a cause, at their bounds, hold its coordinates back.
     """
-    plain = np.zeros(COUNT)
     points = [
-        (fit.hypothesis, np.append(plain, fit.x[COUNT:])) for fit in found
-        if fit.x[:COUNT] @ fit.x[:COUNT] > SPARE
-    ]  # fmt: skip
+        (fit.hypothesis, fits.unspent(fit.x)) for fit in found if fit.spent > SPARE
+    ]
     return fits.improve(joint, fits.start(joint, points), SURE)
 
 
@@ -278,8 +274,7 @@ def _shaken(joint: Joint, found: list[Fit], dropped: list[Fit]) -> list[Fit]:
 
 def _unsuspicious(joint: Joint, base: Fit, gains: list[float]) -> bool:
     """Whether a joint fits its tolerances so well that no cause needs a closer look."""
-    spare = float(base.x[:COUNT] @ base.x[:COUNT])
-    calm = base.rms() < CALM * joint.noise and spare < SPARE
+    calm = base.rms() < CALM * joint.noise and base.spent < SPARE
     return calm and max(gains) < PROMISING
 
 

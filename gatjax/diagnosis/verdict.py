@@ -10,7 +10,6 @@ from gatjax.diagnosis.aliases import alias
 from gatjax.diagnosis.claims import LATER, Claim
 from gatjax.diagnosis.exchange import Before, coupled, exchanged, instead
 from gatjax.diagnosis.findings import ROUGH, adequate, whole, worth_naming
-from gatjax.diagnosis.hypotheses import COUNT
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.weighing import (
     CLOSE,
@@ -51,7 +50,7 @@ def conclude(judge: Judge) -> Verdict:
     if case is start:
         return decide(judge)
     verdict = decide(type(judge)(case, judge.tell))
-    spent = max(float(fit.x[:COUNT] @ fit.x[:COUNT]) for fit in verdict.judge.known)
+    spent = max(fit.spent for fit in verdict.judge.known)
     if verdict.causes or verdict.law is not None or spent < STRAINED:
         return verdict
     other = decide(judge)

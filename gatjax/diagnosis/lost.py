@@ -1,0 +1,90 @@
+"""Claims that commands got lost on the way to a joint, or to all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from gatjax.diagnosis import drops
+from gatjax.diagnosis import fit as fits
+from gatjax.diagnosis.case import mapped
+from gatjax.diagnosis.claims import PLACE, WORTH, Claim
+from gatjax.diagnosis.fit import Fit
+from gatjax.diagnosis.known import Known
+
+NOISY = 1.7  # times the noise that the best cause leaves: commands may be lost
+MOST = 0.6  # share of joints that lost commands, from which all may have
+
+
+def claims(judge: Known, missing: Sequence[int]) -> list[Claim]:
+    """Claims that commands got lost, beside what is known.
+
+    Args:
+        judge: what is known; it keeps what is found.
+        missing: joints that changed since losses were looked for.
+    """
+    left = {k: judge.best(k).rms() for k in missing}
+    noisy = [
+        k for k in missing
+        if left[k] > NOISY * judge.joints[k].noise
+        and not (judge.known[k].geared or judge.joints[k].assumed.geared)
+        and not any(k in (claim.lost or {}) for claim in judge.accepted)
+    ]  # fmt: skip
+    judge.losses = {k: v for k, v in judge.losses.items() if k not in missing}
+    found = mapped(
+        lambda k: _decoded(judge, k, left[k]), noisy, lambda s: judge.tell("losses", s)
+    )
+    judge.losses |= dict(zip(noisy, found, strict=True))
+    out = [claim for claim in judge.losses.values() if claim is not None]
+    good = [claim for claim in out if claim.lost and claim.gain > WORTH]
+    if len(good) > MOST * len(judge.joints) and len(judge.joints) > 1:
+        out.append(_joined(good, len(judge.joints)))
+    return out
+
+
+def _joined(claims: list[Claim], joints: int) -> Claim:
+    """One claim that commands to all joints got lost."""
+    fitted: dict[int, Fit] = {}
+    lost: dict[int, list[np.ndarray]] = {}
+    for claim in claims:
+        fitted |= claim.fits
+        lost |= claim.lost or {}
+    gain = sum(claim.gain + PLACE for claim in claims) - PLACE
+    whole = Claim(drops.LOST, np.zeros(0), tuple(range(joints)), fitted, gain)
+    return whole._replace(lost=lost)
+
+
+def _decoded(judge: Known, index: int, rival: float) -> Claim | None:
+    """A claim that a joint lost commands, or its power; not drawn.
+
+    `rival` is what the best other explanation leaves, rad.
+    """
+    joint, known = judge.joints[index], judge.known[index]
+    if not joint.servoed:
+        return None  # nothing keeps two open loops together
+    if index in judge.case.pulled:
+        joint = joint.drawn(0.0)
+        first = fits.start(joint, [(known.hypothesis, known.x)])
+        known = fits.improve(joint, first, 6)[0]
+    commands = judge.case.commands(index)
+    loss = drops.find(joint, known, commands, rival)
+    outage = drops.outage(joint, known, commands, loss)
+
+    def claim(found: drops.Losses) -> Claim:
+        gain = fits.evidence(found.joint, found.fit) - fits.evidence(joint, known)
+        gain -= found.price + PLACE
+        owner = found.fit.hypothesis
+        assert owner is not None
+        return Claim(owner.newest, np.zeros(0), (index,), {index: found.fit}, gain)
+
+    heard = np.flatnonzero(joint.valid.any(1))  # not left aside
+    told = [loss.lost[run] for run in heard], [commands[run] for run in heard]
+    even = drops.evenly(*told, joint.noise) > drops.UNLIKELY
+    random = even and drops.selective(*told) < drops.SELECTIVE
+    right = [
+        claim(found)._replace(lost={index: loss.lost} if found is loss else None)
+        for found in (loss if random else None, outage)
+        if found is not None and found.fit.rms() < drops.DECODED * joint.noise
+    ]
+    return max(right, key=lambda claim: claim.gain, default=None)
