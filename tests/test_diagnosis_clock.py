@@ -10,7 +10,7 @@ import pytest
 from test_diagnosis_measure import MODEL
 
 from gatjax.data.trajectories import JointRun
-from gatjax.diagnosis import experiment, measure
+from gatjax.diagnosis import ahead, experiment, measure
 from gatjax.diagnosis.verdict import Verdict
 from gatjax.loop import Simulator
 from gatjax.sim.world import add_cause, nominal
@@ -79,17 +79,17 @@ def test_what_a_clock_has_drifted_so_far_counts_ahead_of_a_measured_state(
     known = told <= TIME[-1]
     seen = np.interp(told, TIME, angle)[known, None]
     run = JointRun(3, 40.0 + TIME[known], COMMAND[known], seen)
-    cut = measure.windows([HELD._replace(angle=angle[:, None]), run], PERIOD)
+    cut = ahead.windows([HELD._replace(angle=angle[:, None]), run], PERIOD)
     assert cut is not None
     mine = np.flatnonzero(cut.block >= measure.APART)
     mine = mine[TIME[known][-1] > np.arange(len(mine)) * 0.1 * (1.0 - drift) + 0.75]
     errors = [
         [
-            measure.window_errors(cut, played, horizon, PERIOD).squared[mine]
-            for horizon in measure.HORIZONS
+            ahead.window_errors(cut, played, horizon, PERIOD).squared[mine]
+            for horizon in ahead.HORIZONS
         ]
         for played in (
-            measure.windowed(world, cut, PERIOD)
+            ahead.windowed(world, cut, PERIOD)
             for world in (plain, drifting(plain, drift))
         )
     ]

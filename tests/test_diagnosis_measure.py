@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gatjax.data.trajectories import JointRun
-from gatjax.diagnosis import chance, measure
+from gatjax.diagnosis import ahead, chance, measure
 from gatjax.sim.world import add_cause, nominal
 from gatjax.task import Task
 
@@ -26,11 +26,11 @@ def test_a_joint_starts_where_its_encoder_says_what_was_measured(tmp_path, loop)
     askew = add_cause(askew, "encoder_scale", ["a"], {"scale": 0.8, "in_loop": loop})
     run = JointRun(0, TIME, COMMAND, 0.0 * COMMAND)
     run = run._replace(angle=measure.whole_log(askew, [run])[0])
-    cut = measure.windows([run], PERIOD)
+    cut = ahead.windows([run], PERIOD)
     assert cut is not None
-    played = measure.windowed(askew, cut, PERIOD)
-    for horizon in measure.HORIZONS:
-        error = measure.window_errors(cut, played, horizon, PERIOD).rmse()
+    played = ahead.windowed(askew, cut, PERIOD)
+    for horizon in ahead.HORIZONS:
+        error = ahead.window_errors(cut, played, horizon, PERIOD).rmse()
         assert error < 2e-3
 
 
@@ -66,10 +66,10 @@ def test_windows_lose_commands_too(lossy):
     plain, _ = lossy
     run = JointRun(0, TIME, COMMAND, measure.whole_log(plain, [JointRun(
         0, TIME, COMMAND, 0.0 * COMMAND)])[0])  # fmt: skip
-    cut = measure.windows([run], PERIOD)
+    cut = ahead.windows([run], PERIOD)
     assert cut is not None
     errors = [
-        measure.window_errors(cut, measure.windowed(each, cut, PERIOD), 0.5, PERIOD)
+        ahead.window_errors(cut, ahead.windowed(each, cut, PERIOD), 0.5, PERIOD)
         for each in lossy
     ]
     assert errors[0].rmse() < 2e-3 < 0.02 < errors[1].rmse()

@@ -10,7 +10,7 @@ from gatjax.data.mapping import column_map, resolve, to_si
 from gatjax.data.readers.assemble import joined
 from gatjax.data.recording import Recording, read_recording, write_recording
 from gatjax.data.trajectories import JointRun
-from gatjax.diagnosis import measure
+from gatjax.diagnosis import ahead, measure
 from gatjax.diagnosis.case import held, unfitted
 from gatjax.diagnosis.given import Logs, given
 from gatjax.diagnosis.start import Start
@@ -68,10 +68,10 @@ def test_a_whole_log_starts_where_the_joint_was_measured_and_as_fast(world):
 def test_half_a_second_ahead_of_a_measured_state(world):
     run = swung()
     run = run._replace(angle=measure.whole_log(world, [run])[0])
-    cut = measure.windows([run], PERIOD)
+    cut = ahead.windows([run], PERIOD)
     assert cut is not None
-    played = measure.windowed(world, cut, PERIOD)
-    error = measure.window_errors(cut, played, 0.5, PERIOD).rmse()
+    played = ahead.windowed(world, cut, PERIOD)
+    error = ahead.window_errors(cut, played, 0.5, PERIOD).rmse()
     assert error.max() < 0.01
 
 

@@ -6,7 +6,7 @@ import pytest
 from gatjax.data import checks
 from gatjax.data.recording import Recording, check_recording
 from gatjax.data.trajectories import JointRun, to_arrays
-from gatjax.diagnosis import measure
+from gatjax.diagnosis import ahead, measure
 from gatjax.diagnosis.case import held, unfitted
 from gatjax.diagnosis.suitable import check_commands
 from gatjax.sim.world import add_cause, nominal
@@ -83,12 +83,12 @@ def test_a_gear_stays_a_gear_without_power(tmp_path):
 def test_half_a_second_ahead_with_the_gain_of_each_row(tmp_path):
     one = world(tmp_path)
     run = played(one, SHARE)
-    cut = measure.windows([run], PERIOD)
+    cut = ahead.windows([run], PERIOD)
     assert cut is not None
-    ahead = measure.windowed(one, cut, PERIOD)
-    error = measure.window_errors(cut, ahead, 0.5, PERIOD).rmse()
-    plain = measure.windowed(one, cut._replace(stiffness=cut.stiffness**0), PERIOD)
-    assert error < 0.02 < 0.1 < measure.window_errors(cut, plain, 0.5, PERIOD).rmse()
+    seen = ahead.windowed(one, cut, PERIOD)
+    error = ahead.window_errors(cut, seen, 0.5, PERIOD).rmse()
+    plain = ahead.windowed(one, cut._replace(stiffness=cut.stiffness**0), PERIOD)
+    assert error < 0.02 < 0.1 < ahead.window_errors(cut, plain, 0.5, PERIOD).rmse()
 
 
 def test_the_simulation_of_one_joint_knows_the_gain_too(tmp_path):

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from gatjax.data.trajectories import JointRun
-from gatjax.diagnosis import measure
+from gatjax.diagnosis import learned, measure
 from gatjax.grounding.gat import Gat, learn_forward, learn_inverse
 from gatjax.grounding.learn import Grounding, grounded, with_alpha, write_grounding
 from gatjax.robot.model import joint_names
@@ -42,8 +42,8 @@ def learn(world: World, logs: list[JointRun], seed: int) -> Grounding:
         GAT on all joints, with its alpha; 0 if it makes every prediction worse.
     """
     early = [run.part(np.arange(_split(run))) for run in logs]
-    forward, forward_fit = learn_forward(measure.pieces(early), seed)
-    simulated = measure.pieces(_simulated(world, early, seed))
+    forward, forward_fit = learn_forward(learned.pieces(early), seed)
+    simulated = learned.pieces(_simulated(world, early, seed))
     inverse, inverse_fit = learn_inverse(simulated, seed + 1)
     facts = {"forward": forward_fit._asdict(), "inverse": inverse_fit._asdict()}
     found = Grounding(

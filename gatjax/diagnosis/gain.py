@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gatjax.data.trajectories import JointRun
-from gatjax.diagnosis import measure
+from gatjax.diagnosis import ahead, learned, measure
 from gatjax.diagnosis.case import Case
 from gatjax.diagnosis.measure import Errors, Replayed
 from gatjax.grounding.network import Network
@@ -46,11 +46,11 @@ def gained(
     Returns:
         `gain` of diagnosis.json; None if a standing robot fell at once.
     """
-    forward, names = measure.learn(logs, seed), [joint.name for joint in case.joints]
+    forward, names = learned.learn(logs, seed), [joint.name for joint in case.joints]
     series = {
         "before": pairs["nominal"].angles()[1],
         "after": pairs["extended"].angles()[1],
-        "learned": measure.learned_log(forward, unseen),
+        "learned": learned.whole_log(forward, unseen),
     }
     whole = measure.log_errors(unseen, series)
     rows = sum(len(run.time) for run in unseen)
@@ -96,12 +96,12 @@ def half_second(
 ) -> tuple[Errors, Errors] | None:
     """Errors of two worlds half a second ahead of measured states, if runs have any."""
     period = nominal.task.control_period
-    cut = measure.windows(unseen, period)
+    cut = ahead.windows(unseen, period)
     if cut is None:
         return None
     first, second = (
-        measure.window_errors(
-            cut, measure.windowed(world, cut, period), measure.HORIZONS[0], period
+        ahead.window_errors(
+            cut, ahead.windowed(world, cut, period), ahead.HORIZONS[0], period
         )
         for world in (nominal, extended)
     )
@@ -114,18 +114,18 @@ def _ahead(
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Rows of the short horizons, which start from measured states."""
     period = worlds["nominal"].task.control_period
-    cut = measure.windows(unseen, period)
+    cut = ahead.windows(unseen, period)
     if cut is None:
         return []
     played = {
-        "before": measure.windowed(worlds["nominal"], cut, period),
-        "after": measure.windowed(worlds["extended"], cut, period),
-        "learned": measure.learned_windows(forward, cut, period),
+        "before": ahead.windowed(worlds["nominal"], cut, period),
+        "after": ahead.windowed(worlds["extended"], cut, period),
+        "learned": learned.windows(forward, cut, period),
     }
     rows = []
-    for horizon in measure.HORIZONS:
+    for horizon in ahead.HORIZONS:
         errors = {
-            name: measure.window_errors(cut, angles, horizon, period)
+            name: ahead.window_errors(cut, angles, horizon, period)
             for name, angles in played.items()
         }
         rows += _rows(horizon or period, errors, joints, seed)

@@ -12,15 +12,11 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from gatjax.data import starts
-from gatjax.data.trajectories import GAP, JointRun
+from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import chance
-from gatjax.grounding.gat import learn_forward, next_angle
-from gatjax.grounding.network import Network
-from gatjax.grounding.transitions import HISTORY
 from gatjax.records import Played
 from gatjax.robot.model import servoed
 from gatjax.sim.limbs import floats, moving, put_down
@@ -30,15 +26,11 @@ from gatjax.sim.world import Values, World, stacked, stiffened
 
 UPRIGHT = 0.7  # least upward part of the torso's axis; below, a robot has fallen
 SETTLE = 0.5  # s at the first command before a log
-HORIZONS = (0.5, 0.1, 0.0)  # s ahead of a measured state; 0: one step
-STRIDE = 0.1  # s between two windows
-WARM = 0.12  # s of a window that only fills the effects' memories
-BRIEF = 1e-3  # s over which a joint's velocity is taken
 BACK = 6  # samples of the parabola that gives the velocity at a window's start
+BRIEF = 1e-3  # s over which a joint's velocity is taken
 APART = 10_000  # blocks between two runs' numbers
 BLOCK = 1.0  # s that the bootstrap draws together
 DRAWS = 400
-PIECE = 2.0  # s of a piece of the fit data, for the learned model's early stopping
 
 
 class Errors(NamedTuple):
@@ -110,8 +102,8 @@ def replayed(
     qvel = np.zeros((len(runs), world.model.nv))
     if not follows:
         angles = np.stack([run.angle[0] for run in runs])
-        speeds = np.stack([_speed(run, slice(BACK), 0) for run in runs])
-        qpos, qvel = _started(world, Native(world), angles, speeds)
+        speeds = np.stack([speed(run, slice(BACK), 0) for run in runs])
+        qpos, qvel = started(world, Native(world), angles, speeds)
     drawn = _drawn(world, every, commands, qpos, qvel, stiff, lead)
     series = drawn.reading.angle, drawn.velocity, drawn.torque
     means = [each.mean(0) for each in series]
@@ -151,59 +143,13 @@ def _drawn(
     return jax.tree.map(lambda a: np.reshape(a, (*count, *np.shape(a)[1:])), played)
 
 
-def fallen(up: np.ndarray) -> np.ndarray:
-    """Rows [..., T] from the first on at which a robot leans too far, or diverged.
-
-    Args:
-        up: [..., T, 3] unit vector against gravity in the torso's axes.
-    """
-    return np.logical_or.accumulate(~(up[..., 2] > UPRIGHT), axis=-1)
-
-
-class Windows(NamedTuple):
-    """Pieces of logs, B of them: W rows up to the measured start, T that follow."""
-
-    command: np.ndarray  # [B, W + T, J] rad
-    angle: np.ndarray  # [B, W + T, J] rad
-    stiffness: np.ndarray  # [B, W + T, J]
-    velocity: np.ndarray  # [B, J] rad/s at the start
-    block: np.ndarray  # [B]
-    number: np.ndarray  # [B] of the run
-    start: np.ndarray  # [B] s from the first row of the run to the start
-    runs: list[JointRun]
-
-
-def windows(runs: list[JointRun], period: float) -> Windows | None:
-    """Cut runs into windows of the longest horizon after a warm-up, if there are any.
-
-    None of them lacks a row.
-    """
-    warm, length = round(WARM / period) + BACK, round(0.5 / period)
-    stride, rows = max(1, round(STRIDE / period)), []
-    for number, run in enumerate(runs):
-        for first in range(0, len(run.time) - warm - length, stride):
-            part = slice(first, first + warm + length)
-            if np.diff(run.time[part]).max() > (1.0 + GAP) * period:
-                continue  # rows are missing
-            past = slice(first + warm - BACK, first + warm)
-            slope = _speed(run, past, first + warm - 1)
-            block = number * APART + int(run.time[first] / BLOCK)
-            series = run.command[part], run.angle[part], run.stiff[part]
-            start = run.time[first + warm - 1] - run.time[0]
-            rows.append((*series, slope, block, number, start))
-    if not rows:
-        return None
-    columns = (np.array(column) for column in zip(*rows, strict=True))
-    return Windows(*columns, runs=runs)
-
-
-def _speed(run: JointRun, rows: slice, at: int) -> np.ndarray:
+def speed(run: JointRun, rows: slice, at: int) -> np.ndarray:
     """Speed [J] rad/s at a row, of a parabola through some rows."""
     time = run.time[rows] - run.time[at]
     return np.polyfit(time, run.angle[rows], 2)[1]
 
 
-def _started(
+def started(
     world: World, native: Native, angle: np.ndarray, speed: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Physics states [B, nq], [B, nv] in which encoders report angles and speeds."""
@@ -215,111 +161,13 @@ def _started(
     return moving(model, qpos, still, now, (later - now) / BRIEF)
 
 
-def windowed(world: World, cut: Windows, period: float) -> np.ndarray:
-    """Predictions [B, T, J] rad of windows, each from its measured start.
+def fallen(up: np.ndarray) -> np.ndarray:
+    """Rows [..., T] from the first on at which a robot leans too far, or diverged.
 
-    The joints start where the world's encoders report what was measured, at the time
-    at which its clock says that it was.
+    Args:
+        up: [..., T, 3] unit vector against gravity in the torso's axes.
     """
-    warm, rate = round(WARM / period) + BACK, _rate(world)
-    # Row t holds the angle when command t comes into force: command warm - 1 acts
-    # from the start on.
-    commands, stiff = _in_force(cut, rate, period)
-    world = world if (stiff == 1.0).all() else stiffened(world)
-    native, count = Native(world), world.model.nu
-    rows = native.behind(world.values, cut.angle[:, :warm].reshape(-1, count))
-    angles = rows.reshape(len(cut.angle), warm, -1)
-    speed = cut.velocity / rate
-    qpos, qvel = _started(world, native, cut.angle[:, warm - 1], speed)
-    drawn = [
-        native.replay(world.values, commands, angles[:, :-1], qpos, qvel, stiff, noise)
-        for noise in chance.draws(world, commands.shape)
-    ]
-    return np.mean(drawn, axis=0)[:, : cut.angle.shape[1] - warm]
-
-
-def _rate(world: World) -> float:
-    """True seconds in a second of the log's clock, which is that of all joints."""
-    drifts = world.values.log.values() if world.values.log else ()
-    return float(np.prod([1.0 - drift[0] for drift in drifts]))
-
-
-def _in_force(
-    cut: Windows, rate: float, period: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Commands rad and stiffness [B, rows, J] that led to the angles of windows.
-
-    There are W + T - 1 rows, and more where a second of the log is longer than a true
-    one. A start that is stamped t was at rate t, and so is what was in force around it;
-    between two rows, it is the mean over a tick.
-    """
-    if rate == 1.0:
-        return cut.command[:, :-1], cut.stiffness[:, :-1]
-    warm, length = round(WARM / period) + BACK, cut.command.shape[1]
-    more = int(np.ceil(max(0.0, rate - 1.0) * (length - warm)))
-    ahead = period * (np.arange(length - 1 + more) - (warm - 1))
-    rows = []
-    for number, start in zip(cut.number, cut.start, strict=True):
-        run = cut.runs[number]
-        true, stamps = rate * start + ahead, run.time - run.time[0]
-        rows.append([
-            np.stack([np.interp(true, stamps, column) for column in series.T], -1)
-            for series in (run.command, run.stiff)
-        ])  # fmt: skip
-    command, stiff = (np.stack(column) for column in zip(*rows, strict=True))
-    return command, stiff
-
-
-def learned_windows(forward: Network, cut: Windows, period: float) -> np.ndarray:
-    """The same by a learned forward model."""
-    warm = round(WARM / period) + BACK
-    return _rolled(forward, cut.angle[:, :warm], cut.command, warm)
-
-
-def _rolled(
-    forward: Network, past: np.ndarray, command: np.ndarray, warm: int
-) -> np.ndarray:
-    """Roll the learned model over commands [B, T, J] from past angles [B, W, J]."""
-    order = np.arange(warm - 1, warm - 2 - HISTORY, -1)
-
-    def one(angles: jnp.ndarray, actions: jnp.ndarray) -> jnp.ndarray:
-        def step(history: jnp.ndarray, now: jnp.ndarray) -> tuple:
-            following = next_angle(forward, history, now)
-            return jnp.concatenate([following[None], history[:-1]]), following
-
-        steps = jnp.arange(warm - 1, actions.shape[0] - 1)
-        stack = actions[steps[:, None] - jnp.arange(HISTORY + 1)[None]]
-        return jax.lax.scan(step, angles, stack)[1]
-
-    first = jnp.asarray(past[:, order], jnp.float32)
-    rolled = jax.jit(jax.vmap(one))(first, jnp.asarray(command, jnp.float32))
-    return np.asarray(rolled, np.float64)
-
-
-def learn(runs: list[JointRun], seed: int) -> Network:
-    """The forward model of GAT, trained on pieces of the fit data."""
-    return learn_forward(pieces(runs), seed)[0]
-
-
-def pieces(runs: list[JointRun]) -> list[JointRun]:
-    """Runs cut into pieces of about 2 s, of which some can be left out of training."""
-    out = []
-    for run in runs:
-        count = max(2, round((run.time[-1] - run.time[0]) / PIECE))
-        parts = np.array_split(np.arange(len(run.time)), count)
-        out += [run.part(rows) for rows in parts]
-    return out
-
-
-def learned_log(forward: Network, runs: list[JointRun]) -> list[np.ndarray]:
-    """Open-loop predictions [N, J] of whole runs by the learned model."""
-    out = []
-    for run in runs:
-        warm = HISTORY + 1
-        rolled = _rolled(forward, run.angle[None, :warm], run.command[None], warm)
-        ends = run.angle.min(0) - 10.0, run.angle.max(0) + 10.0
-        out.append(np.concatenate([run.angle[:warm], np.clip(rolled[0], *ends)]))
-    return out
+    return np.logical_or.accumulate(~(up[..., 2] > UPRIGHT), axis=-1)
 
 
 def log_errors(
@@ -345,16 +193,6 @@ def log_errors(
         [starts.early(run) & (run.within or starts.underway(run).any()) for run in runs]
     )
     return {name: Errors(each[kept], blocks[kept]) for name, each in squared.items()}
-
-
-def window_errors(
-    cut: Windows, predicted: np.ndarray, horizon: float, period: float
-) -> Errors:
-    """Errors at the end of a horizon."""
-    warm = round(WARM / period) + BACK
-    row = max(1, round(horizon / period)) - 1
-    error = predicted[:, row] - cut.angle[:, warm + row]
-    return Errors(np.square(error), cut.block)
 
 
 def interval(
