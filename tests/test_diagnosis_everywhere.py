@@ -582,8 +582,10 @@ def test_every_cause_that_joints_share_has_a_size_to_compare(tmp_path):
 
 def test_joints_that_agree_on_no_value_have_no_cause_in_common(monkeypatch):
     def take(claims, known):
+        taken.extend(known)
         raise Taken
 
+    taken = []
     judge = object.__new__(Judge)
     judge.joints, judge.take = [None] * 3, take
     judge.case, followed = "measured", object.__new__(Judge)
@@ -603,8 +605,14 @@ def test_joints_that_agree_on_no_value_have_no_cause_in_common(monkeypatch):
                 monkeypatch.setattr(agreed, "carried", lambda *_, body=body: body)
                 if body:
                     assert whole(judge) == [] and judge.case == "measured"
-            with pytest.raises(Taken):
-                whole(judge)
+            again = found[0], [fit("drawn")] * 3
+            monkeypatch.setattr(agreed, "revalued", lambda *_, again=again: again)
+            for drawn, mine in ((False, found[1]), (True, again[1])):
+                followed.bounced = lambda known, drawn=drawn: drawn
+                with pytest.raises(Taken):
+                    whole(judge)
+                assert taken == mine
+                taken.clear()
             assert judge.case == "followed"  # the loads that the causes were found on
             assert judge.joints is followed.joints
 

@@ -76,6 +76,28 @@ def test_a_joint_without_a_cause_is_let_go_if_it_can_be_followed(left, drawn):
     assert arm.case.pulled == drawn
 
 
+@pytest.mark.parametrize(
+    ("left", "drawn"), [((9.0, 9.0, 30.0), [0, 1]), ((1.0, 1.0, 9.0), [])]
+)
+def test_gaps_that_nobody_can_follow_are_drawn_but_for_an_odd_one(
+    monkeypatch, left, drawn
+):
+    for gap in (True, False):
+        monkeypatch.setattr(accepting, "parted", lambda joint, found, gap=gap: gap)
+        arm = Arm()
+        assert arm.bounced([fit(rms) for rms in left]) is bool(gap and drawn)
+        assert arm.case.pulled == (dict.fromkeys(drawn, BOUNCING) if gap else {})
+
+
+def test_joints_that_a_whole_robots_causes_explain_are_not_searched_any_further(
+    monkeypatch,
+):
+    monkeypatch.setattr(Arm, "_weigh", lambda arm: None)
+    arm = Arm(pulled=[0, 1])  # they look better than they are
+    arm.take([claim("gain_error", fits={0: fit(1.0)})], [fit(x) for x in (1, 2, 3)])
+    assert arm.found == {0: [], 2: []}
+
+
 def test_an_accepted_cause_of_one_joint_has_the_size_at_which_its_fit_rests():
     (cause,) = (h for h in CAUSES if h.cause == "command_delay")
     own = np.log([0.03])  # s

@@ -10,7 +10,7 @@ from gatjax.diagnosis import exchange, experiment, verdict, weighing
 from gatjax.diagnosis.aliases import again
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.fit import Fit
-from gatjax.diagnosis.hypotheses import Hypothesis
+from gatjax.diagnosis.hypotheses import COUNT, Hypothesis
 from gatjax.diagnosis.judge import Judge
 
 FIT = Fit(
@@ -343,7 +343,7 @@ def concluded(monkeypatch):
             names, nats, drawn, *law = answers[judge.case.name]
             found = [verdict.Cause(claim(n), 1.0, [], []) for n in names]
             side = Told({"": nats}, pulled=drawn)
-            x = np.full(verdict.COUNT, np.sqrt(strain / verdict.COUNT))
+            x = np.full(COUNT, np.sqrt(strain / COUNT))
             side.known = [FIT._replace(x=x)]
             best = claim(law[0]) if law else None
             return verdict.Verdict("named", found, [], best, [], side)

@@ -13,7 +13,8 @@ from gatjax.diagnosis.case import mapped
 from gatjax.diagnosis.claims import SEVERAL, Claim, shared_value, uncertainty
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import Hypothesis, combined, pinned
-from gatjax.diagnosis.known import ASTRAY, PARTED, Known, astray
+from gatjax.diagnosis.joint import BOUNCING
+from gatjax.diagnosis.known import ASTRAY, PARTED, Known, astray, parted
 
 STRAY, FEW = 2.5, 0.2  # times the middle piece's misfit; share of pieces left aside
 CHANGED = 3.0  # nats: a joint whose evidence changed less keeps its fits
@@ -101,8 +102,31 @@ class Accepting(Known):
                 if better < -CHANGED:
                     self.case, self.joints, self.known = old
                 break
-        pairs = enumerate(zip(self.joints, self.known, strict=True))
-        self.found = {k: [] for k, (j, fit) in pairs if fit.rms() < ASTRAY * j.noise}
+        left = self._left(self.known)
+        near = {k: PARTED if k in self.case.pulled else ASTRAY for k in left}
+        self.found = {k: [] for k, rms in left.items() if rms < near[k]}
+
+    def bounced(self, known: list[Fit]) -> bool:
+        """Draw joints with a gap that nobody can follow; whether there were any.
+
+        One that is further off than the others has something else besides, and is not.
+
+        Args:
+            known: fits of all joints.
+        """
+        left = self._left(known)
+        most = ODD * float(np.median([*left.values()]))
+        gaps = [
+            k for k, rms in left.items()
+            if ASTRAY < rms < most and parted(self.joints[k], known[k])
+        ]  # fmt: skip
+        self._draw(dict.fromkeys(gaps, BOUNCING))
+        return bool(gaps)
+
+    def _left(self, known: list[Fit]) -> dict[int, float]:
+        """What a fit of each joint leaves, times its noise."""
+        pairs = enumerate(zip(self.joints, known, strict=True))
+        return {k: fit.rms() / joint.noise for k, (joint, fit) in pairs}
 
     def _let_go(self) -> None:
         """Stop drawing joints without a cause that by now can be followed without."""
@@ -111,7 +135,7 @@ class Accepting(Known):
         if not idle:
             return
         self._draw(dict.fromkeys(idle, 0.0))
-        left = {k: self.known[k].rms() / self.joints[k].noise for k in idle}
+        left = self._left(self.known)
         self._draw({k: rate for k, rate in idle.items() if left[k] > ASTRAY})
 
     def _count_again(self, joints: Collection[int]) -> None:

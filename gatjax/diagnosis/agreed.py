@@ -67,6 +67,13 @@ def valued(judge: Judge, found: list[list[Option]]) -> tuple[list[Valued], list[
     return [], []
 
 
+def revalued(judge: Judge, found: list[Valued]) -> tuple[list[Valued], list[Fit]]:
+    """The same causes with values of joints as they are by now, and all fits."""
+    claims, known, _ = _agreed(judge, [each.options[0] for each in found])
+    pairs = zip(found, claims, strict=True)
+    return [each._replace(claims=mine) for each, mine in pairs], known
+
+
 def common(judge: Judge, claims: list[Claim]) -> bool:
     """Whether joints agree on a cause: some have one value, or many have values alike.
 

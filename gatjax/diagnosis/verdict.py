@@ -140,6 +140,8 @@ def _everywhere(judge: Judge) -> list[Cause]:
         return []
     if agreed.carried(judge, looked, [c for each in found for c in each.claims], known):
         return []
+    if looked.bounced(known):  # where teeth meet is chance
+        found, known = agreed.revalued(looked, found)
     judge.case, judge.joints = looked.case, looked.joints
     judge.take([claim for each in found for claim in each.claims], known)
     every, out = tuple(range(len(judge.joints))), []
