@@ -556,6 +556,22 @@ def test_what_is_worth_least_is_left_out_first(monkeypatch):
     assert known is fits
 
 
+def test_values_found_again_keep_every_cause_and_what_else_it_could_be(monkeypatch):
+    def weighed(judge, options):
+        claims = [
+            [Claim(each.hypothesis, np.ones(1), (0,), {}, 0.0)] for each in options
+        ]
+        return claims, drawn, set()
+
+    drawn = [fit("drawn")]
+    monkeypatch.setattr(agreed, "_agreed", weighed)
+    rows = [[option("delay", 9.0), option("lag", 8.0)], [option("gap", 7.0)]]
+    found = [agreed.Valued(options, []) for options in rows]
+    again, known = agreed.revalued(object.__new__(Judge), found)
+    assert [each.options for each in again] == rows and known is drawn
+    assert [claim.own[0] for each in again for claim in each.claims] == [1.0, 1.0]
+
+
 def test_joints_that_are_odd_have_no_say_in_what_a_cause_is_worth(monkeypatch):
     judge = object.__new__(Judge)
     judge.joints = [None] * 6
