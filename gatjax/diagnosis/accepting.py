@@ -102,7 +102,7 @@ class Accepting(Known):
                 if better < -CHANGED:
                     self.case, self.joints, self.known = old
                 break
-        left = self._left(self.known)
+        left = self.left(dict(enumerate(self.known)))
         near = {k: PARTED if k in self.case.pulled else ASTRAY for k in left}
         self.found = {k: [] for k, rms in left.items() if rms < near[k]}
 
@@ -114,7 +114,7 @@ class Accepting(Known):
         Args:
             known: fits of all joints.
         """
-        left = self._left(known)
+        left = self.left(dict(enumerate(known)))
         most = ODD * float(np.median([*left.values()]))
         gaps = [
             k for k, rms in left.items()
@@ -123,11 +123,6 @@ class Accepting(Known):
         self._draw(dict.fromkeys(gaps, BOUNCING))
         return bool(gaps)
 
-    def _left(self, known: list[Fit]) -> dict[int, float]:
-        """What a fit of each joint leaves, times its noise."""
-        pairs = enumerate(zip(self.joints, known, strict=True))
-        return {k: fit.rms() / joint.noise for k, (joint, fit) in pairs}
-
     def _let_go(self) -> None:
         """Stop drawing joints without a cause that by now can be followed without."""
         named = {k for claim in self.accepted for k in claim.fits}
@@ -135,7 +130,7 @@ class Accepting(Known):
         if not idle:
             return
         self._draw(dict.fromkeys(idle, 0.0))
-        left = self._left(self.known)
+        left = self.left({k: self.known[k] for k in idle})
         self._draw({k: rate for k, rate in idle.items() if left[k] > ASTRAY})
 
     def _count_again(self, joints: Collection[int]) -> None:
@@ -227,7 +222,7 @@ class Accepting(Known):
 
         It has a cause of its own besides, and no say in what the others agree on.
         """
-        left = {k: fit.rms() / self.joints[k].noise for k, fit in found.items()}
+        left = self.left(found)
         if len(left) < SEVERAL:
             return None
         *_, second, worst = sorted(left, key=lambda k: left[k])

@@ -68,8 +68,8 @@ def windowed(world: World, cut: Windows, period: float) -> np.ndarray:
     native, count = Native(world), world.model.nu
     rows = native.behind(world.values, cut.angle[:, :warm].reshape(-1, count))
     angles = rows.reshape(len(cut.angle), warm, -1)
-    speed = cut.velocity / rate
-    qpos, qvel = started(world, native, cut.angle[:, warm - 1], speed)
+    velocity = cut.velocity / rate
+    qpos, qvel = started(world, native, cut.angle[:, warm - 1], velocity)
     drawn = [
         native.replay(world.values, commands, angles[:, :-1], qpos, qvel, stiff, noise)
         for noise in chance.draws(world, commands.shape)

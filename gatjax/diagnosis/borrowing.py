@@ -144,7 +144,7 @@ def _moving(judge: Judge, known: Mapping[int, Fit]) -> list[Fit]:
     neighbours: it gets the cause that suits it best beside those of the best joint.
     """
     every = [known.get(k, fit) for k, fit in enumerate(judge.known)]
-    left = {k: fit.rms() / judge.joints[k].noise for k, fit in known.items()}
+    left = judge.left(known)
     astray = [k for k in left if left[k] >= LED_ASTRAY]
     if len(left) < sharing.MANY or len(astray) != 1:
         return every

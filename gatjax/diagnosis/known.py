@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from typing import TypeVar
 
 import numpy as np
@@ -82,6 +82,10 @@ class Known:
 
     def _evidence(self, index: int) -> float:
         return fits.evidence(self.joints[index], self.known[index])
+
+    def left(self, known: Mapping[int, Fit]) -> dict[int, float]:
+        """What fits of joints leave, times the noise of each."""
+        return {k: fit.rms() / self.joints[k].noise for k, fit in known.items()}
 
     def score(self, index: int, fit: Fit, joint: Joint | None = None) -> float:
         """Nats of a fit over what is known about a joint."""
