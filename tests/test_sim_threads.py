@@ -7,7 +7,7 @@ import sys
 import pytest
 
 SEVERAL = """
-import gatjax.sim
+import gatjax.search
 import jax
 import jax.numpy as jnp
 
@@ -17,7 +17,8 @@ def step(m, _):
     return sum(part(k) for k in range(3, 11)) / 8, None
 
 many = jnp.broadcast_to(jnp.eye(32), (256, 32, 32))
-print(jax.jit(lambda m: jax.lax.scan(step, m, None, length=200)[0])(many).shape)
+done = jax.jit(lambda m: jax.lax.scan(step, m, None, length=200)[0])(many)
+print(done.block_until_ready().shape)
 """
 PATIENCE = 120.0  # s, a hundred times what it takes
 
