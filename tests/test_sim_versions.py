@@ -9,7 +9,7 @@ import pytest
 from gatjax.cli import doctor, main
 from gatjax.loop import setting
 from gatjax.settings import LoopSettings
-from gatjax.sim import mjx, versions
+from gatjax.sim import mjxmodel, versions
 
 REQUIRES = {
     "mujoco-mjx": ["mujoco>=3.17.0.dev0", "scipy", "warp-lang==1.1; extra == 'warp'"],
@@ -64,10 +64,10 @@ def test_a_package_of_another_age_is_named(package, old, says):
 
 def test_mjx_refuses_them_and_doctor_says_so(monkeypatch):
     words = "jax 0.10.2 needs jaxlib >=0.10.2, 0.9.0 is installed"
-    for module in (mjx, doctor):
+    for module in (mjxmodel, doctor):
         monkeypatch.setattr(module, "mismatch", lambda: words)
     with pytest.raises(ValueError, match=r"0\.9\.0 is installed"):
-        mjx.check_machine("jax")
+        mjxmodel.check_machine("jax")
     found = _first(doctor.examine(), 12)
     assert ("versions", words) in found
     assert dict(found)["backend"].startswith("refused, see versions")
@@ -91,7 +91,7 @@ class Aged:
 
 def test_an_mjx_that_cannot_be_imported_is_one_line(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr(sys, "meta_path", [Aged(), *sys.meta_path])
-    for name in ("mujoco.mjx", "gatjax.sim.mjx"):
+    for name in ("mujoco.mjx", "gatjax.sim.mjx", "gatjax.sim.mjxmodel"):
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.delattr(mujoco, "mjx")
     assert main(["search", "--backend", "mjx", "--out", str(tmp_path)]) == 1
@@ -107,7 +107,7 @@ def test_an_mjx_that_cannot_be_imported_is_one_line(monkeypatch, capsys, tmp_pat
     ("lacks", "said"), [("no GPU", "no GPU"), (None, "can run (what --impl auto means")]
 )
 def test_doctor_says_what_warp_lacks(monkeypatch, lacks, said):
-    monkeypatch.setattr(mjx, "lacking_for_warp", lambda: lacks)
+    monkeypatch.setattr(mjxmodel, "lacking_for_warp", lambda: lacks)
     found = dict(_first(doctor.examine(), 12))
     assert found["MJX-Warp"].startswith(said)
 

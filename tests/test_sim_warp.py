@@ -15,7 +15,7 @@ import pytest
 
 from gatjax import loop
 from gatjax.settings import LoopSettings
-from gatjax.sim import mjx
+from gatjax.sim import mjxmodel
 from gatjax.sim.alike import alike
 from gatjax.sim.backend import prepare
 from gatjax.sim.lighter import lighter
@@ -86,14 +86,14 @@ def test_there_is_room_for_all_constraints(light):
         data.qpos[2] = draw.uniform(0.2, 0.3)
         data.qpos[7:] = draw.uniform(-2.0, 2.0, model.nq - 7)
         mujoco.mj_forward(model, data)
-        assert data.ncon <= mjx.most_contacts(model)
+        assert data.ncon <= mjxmodel.most_contacts(model)
         seen.append(data.nefc)
     data.qpos[:], data.qpos[3] = 0.0, 1.0
     data.qpos[2] = 0.32
     mujoco.mj_forward(model, data)
-    assert data.ncon == 8 == mjx.most_contacts(model)  # all corners of both soles
-    assert max([*seen, data.nefc]) <= mjx.most_rows(model)
-    assert mjx.most_rows(model) < 100
+    assert data.ncon == 8 == mjxmodel.most_contacts(model)  # all corners of both soles
+    assert max([*seen, data.nefc]) <= mjxmodel.most_rows(model)
+    assert mjxmodel.most_rows(model) < 100
 
 
 BOXES = """<mujoco><worldbody><geom type="plane" size="1 1 1"/>
@@ -115,7 +115,7 @@ def test_there_is_room_for_contacts_of_other_shapes(bodies, most):
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    assert 0 < data.ncon <= mjx.most_contacts(model) == most
+    assert 0 < data.ncon <= mjxmodel.most_contacts(model) == most
 
 
 def test_auto_takes_warp_where_it_can_run(monkeypatch):
@@ -125,13 +125,13 @@ def test_auto_takes_warp_where_it_can_run(monkeypatch):
     monkeypatch.setattr(jax, "devices", lambda: [board])
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: name == "warp")
     monkeypatch.setattr(
-        mjx, "_printed", io.StringIO("Failed to import warp: no libnvrtc")
+        mjxmodel, "_printed", io.StringIO("Failed to import warp: no libnvrtc")
     )
     assert loop.resolved(asked).impl == "jax"
     assert "is broken: Failed to import warp: no libnvrtc" in str(
-        mjx.lacking_for_warp()
+        mjxmodel.lacking_for_warp()
     )
-    monkeypatch.setattr(mjx, "_printed", io.StringIO())
+    monkeypatch.setattr(mjxmodel, "_printed", io.StringIO())
     assert loop.resolved(asked).impl == "warp"
     assert loop.resolved(LoopSettings(backend="native")).impl == "jax"
     board.device_kind = "AMD Instinct MI300X"

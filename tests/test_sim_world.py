@@ -18,7 +18,7 @@ from gatjax.effects.effect import memoryless
 from gatjax.records import JOINTS
 from gatjax.robot import model as robot_model
 from gatjax.sim.backend import prepare
-from gatjax.sim.mjx import dropped_by_mjx
+from gatjax.sim.mjxmodel import dropped_by_mjx
 from gatjax.sim.native import Native
 from gatjax.sim.poses import write_walk
 from gatjax.sim.replay import replay_many

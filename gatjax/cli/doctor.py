@@ -43,7 +43,7 @@ def examine() -> Iterator[tuple[str, str]]:
 
 def _warp() -> str:
     try:
-        from gatjax.sim.mjx import lacking_for_warp
+        from gatjax.sim.mjxmodel import lacking_for_warp
     except ImportError as error:
         return f"broken: {' '.join(str(error).split())}"
     lacking = lacking_for_warp()

@@ -174,7 +174,7 @@ def resolved(settings: LoopSettings) -> LoopSettings:
     if settings.impl == "auto":
         settings = dataclasses.replace(settings, impl=_best_impl(settings.backend))
     if settings.backend == "mjx":
-        from gatjax.sim.mjx import check_machine
+        from gatjax.sim.mjxmodel import check_machine
 
         check_machine(settings.impl)
     return settings
@@ -184,6 +184,6 @@ def _best_impl(backend: str) -> str:
     """What --impl auto means on this machine; on native it means nothing."""
     if backend != "mjx":
         return "jax"
-    from gatjax.sim.mjx import lacking_for_warp
+    from gatjax.sim.mjxmodel import lacking_for_warp
 
     return "jax" if lacking_for_warp() else "warp"

@@ -50,9 +50,9 @@ def prepare(
         native = Native(world)
         return Backend(native.outcome, native.rollout, native.replay, False)
     if backend == "mjx":
-        from gatjax.sim import mjx
+        from gatjax.sim import mjx, mjxmodel
 
-        mjx.check(world, impl)
+        mjxmodel.check(world, impl)
 
         def batched(one: Callable[..., Any]) -> Callable[..., Any]:
             def many(values: Any, *each: Array) -> Any:

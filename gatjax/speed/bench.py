@@ -21,7 +21,7 @@ from gatjax.loop.steps import generation
 from gatjax.runs import Progress
 from gatjax.settings import LoopSettings, SearchSettings
 from gatjax.sim.lighter import lighter
-from gatjax.sim.mjx import check_machine
+from gatjax.sim.mjxmodel import check_machine
 from gatjax.sim.world import World
 from gatjax.speed import machine, peers, stages
 from gatjax.speed.worlds import Walk, recorded, stepped_as, world_of
