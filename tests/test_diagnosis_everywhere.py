@@ -8,6 +8,7 @@ import pytest
 from gatjax.data.recording import write_recording
 from gatjax.diagnosis import agreed, bank, everywhere, proposed, stepwise
 from gatjax.diagnosis.agreed import CHANCE
+from gatjax.diagnosis.borrowing import borrowed
 from gatjax.diagnosis.case import held, prepare
 from gatjax.diagnosis.claims import SHARED, WHOLE, Claim
 from gatjax.diagnosis.fit import Fit, put_together, start
@@ -15,6 +16,7 @@ from gatjax.diagnosis.given import Logs, given
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.option import Option
+from gatjax.diagnosis.proposed import current
 from gatjax.diagnosis.start import Start
 from gatjax.diagnosis.tolerances import USUAL
 from gatjax.diagnosis.verdict import _everywhere as whole
@@ -50,6 +52,20 @@ def crooked(specimen):
     """An encoder at one joint that is off by more than everything else does."""
     more = {"in_loop": False}
     return CATALOGUE["encoder_offset"].apply(specimen, LEG, [ODD], OFFSET, more)
+
+
+def geared(cause, size):
+    """What gives every joint of a leg a gear, and its motor little torque."""
+
+    def both(specimen):
+        limits = LEG.model.actuator_forcerange[:, 1]
+        for joint, limit in enumerate(limits):
+            weak = CATALOGUE["torque_limit"].apply
+            specimen = weak(specimen, LEG, [joint], 0.16 * limit, {})
+            specimen = CATALOGUE[cause].apply(specimen, LEG, [joint], size, {})
+        return specimen
+
+    return both
 
 
 def judged(folder, *effects):
@@ -270,6 +286,50 @@ def test_a_cause_that_is_worth_nothing_any_more_is_dropped(monkeypatch, worth, k
     assert [first for first, *_ in causes] == kept
 
 
+@pytest.mark.parametrize("cause, size", [("backlash", 0.02), ("joint_elasticity", 8.0)])
+def test_a_spring_gives_way_to_a_gap_that_explains_more(
+    tmp_path, monkeypatch, cause, size
+):
+    judge = judged(tmp_path, geared(cause, size))
+    laws = {law.cause: law for law in bank.CAUSES if law.variant != "encoder on motor"}
+    weak, spring = laws["torque_limit"], laws["joint_elasticity"]
+
+    def one(index):
+        places = [judge.known[index].x, np.zeros(COUNT)]
+        sets = [
+            [(weak, np.array(own)), (spring, np.array(soft))]
+            for own in weak.starts for soft in spring.starts
+        ]  # fmt: skip
+        return borrowed(judge.joints[index], places, [sets])[0]
+
+    known = {k: one(k) for k in (1, 2, 4)}
+    found = [[current(Option(law, {}, {}), known)] for law in (weak, spring)]
+    exchanged = []
+
+    def improved(judge, found, known):
+        exchanged.append([first.hypothesis.cause for first, *_ in found])
+        return stepwise.Partial(found, known)
+
+    monkeypatch.setattr(stepwise, "_improved", improved)
+    before = stepwise.Partial(found, known)
+    after = stepwise.regeared(judge, before)
+    assert exchanged == [["torque_limit", "backlash"]]
+    assert [first.hypothesis.cause for first, *_ in after.found] == [
+        "torque_limit", cause
+    ]  # fmt: skip
+    if cause == "joint_elasticity":
+        assert after is before
+    else:
+        (gap,) = after.found[-1]
+        width = gap.hypothesis.values(judge.joints[1], gap.own)["width"]
+        assert width == pytest.approx(size, rel=0.2)
+        assert stepwise.regeared(judge, after) is after
+    assumed = judge.joints[3].assumed._replace(barred=frozenset({"backlash"}))
+    judge.joints[3] = judge.joints[3]._replace(assumed=assumed)
+    assert stepwise.regeared(judge, before) is before
+    assert len(exchanged) == 1
+
+
 @pytest.mark.parametrize("third, expected", [
     (60.0, ["limit", "lag"]), (200.0, ["gain", "rub", "delay"])
 ])  # fmt: skip
@@ -424,6 +484,40 @@ def test_one_cause_is_taken_where_little_is_wrong_besides(
     monkeypatch.setattr(everywhere, "_left", wrong)
     found = everywhere.causes(judge)
     assert [first.hypothesis.cause for first, *_ in found] == taken
+
+
+@pytest.mark.parametrize(
+    "gap, looked", [(True, ["spring", "gap"]), (False, ["spring"])]
+)
+def test_more_is_looked_for_beside_a_gap_in_a_springs_place(monkeypatch, gap, looked):
+    judge = object.__new__(Judge)
+    judge.most, judge.joints, judge.tell = 3, [None] * 6, lambda *_: None
+    judge.known = [fit("")] * 6
+    every = {k: fit("lag") for k in range(6)}
+    spring, lag, other = (
+        option(cause, 300.0)._replace(fits=every) for cause in ("spring", "lag", "gap")
+    )
+    before = stepwise.Partial([[spring], [lag]], every)
+    after = stepwise.Partial([[other], [lag]], every) if gap else before
+    seen = []
+
+    def more(judge, partial):
+        seen.append(partial.found[0][0].hypothesis.cause)
+        return partial
+
+    for name, function in {
+        "ranked": lambda judge, known, beside: [spring],
+        "begun": lambda judge, firsts, known: before,
+        "regeared": lambda judge, before: after,
+        "_more": more,
+        "_probes": lambda judge, wrong: wrong,
+        "_left": lambda judge, known: [*known],
+        "current": lambda option, known: option,
+    }.items():
+        monkeypatch.setattr(everywhere, name, function)
+    found = everywhere.causes(judge)
+    assert seen == looked
+    assert [first.hypothesis.cause for first, *_ in found] == [looked[-1], "lag"]
 
 
 @pytest.mark.parametrize("together, kept", [(9.0, []), (11.0, ["command_delay"])])

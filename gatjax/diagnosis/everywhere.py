@@ -15,7 +15,7 @@ from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.option import SHARE, Option
 from gatjax.diagnosis.proposed import Fits, current, ranked
-from gatjax.diagnosis.stepwise import MOST, Partial, added, begun
+from gatjax.diagnosis.stepwise import MOST, Partial, added, begun, regeared
 
 FEWEST = 3  # joints that are wrong at least
 ALONE = 0.05  # of its rms misfit, that a single cause may leave at a joint
@@ -50,7 +50,18 @@ def causes(judge: Judge) -> list[list[Option]]:
         return []
     enough = len(left) <= max(1, ODD * len(known))
     first = Partial([firsts], known | firsts[0].fits)
-    found, known = first if enough else begun(judge, firsts, known)
+    before = _more(judge, first if enough else begun(judge, firsts, known))
+    found, known = regeared(judge, before)
+    if found is not before.found:
+        found, known = _more(judge, Partial(found, known))
+    if len(found) < 2 and not _few(left, len(known)):
+        return []
+    return [[current(mine, known), *rivals] for mine, *rivals in found]
+
+
+def _more(judge: Judge, before: Partial) -> Partial:
+    """Causes with others beside them, one after the other, until none is worth it."""
+    found, known = before
     while 0 < len(found) < MOST:
         judge.tell("everywhere", len(found) / MOST)
         known = followed(judge, known)
@@ -61,9 +72,7 @@ def causes(judge: Judge) -> list[list[Option]]:
         found, known = added(judge, Partial(found, known), options)
         if {each[0].law for each in found} <= {option.law for option in beside}:
             break
-    if len(found) < 2 and not _few(left, len(known)):
-        return []
-    return [[current(mine, known), *rivals] for mine, *rivals in found]
+    return Partial(found, known)
 
 
 def _few(left: list[int], joints: int) -> bool:

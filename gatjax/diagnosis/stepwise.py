@@ -9,16 +9,23 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from gatjax.diagnosis import sharing
-from gatjax.diagnosis.borrowing import followed, refitted, retried
+from gatjax.diagnosis.bank import CAUSES
+from gatjax.diagnosis.borrowing import borrowed, followed, refitted, retried
+from gatjax.diagnosis.case import mapped
 from gatjax.diagnosis.claims import LATER
+from gatjax.diagnosis.fit import Fit, parts_of
+from gatjax.diagnosis.hypotheses import COUNT
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.option import Option
-from gatjax.diagnosis.proposed import Fits, ranked, scored
+from gatjax.diagnosis.proposed import Fits, current, ranked, scored
 
 WIDTHS, NEAR = (4, 3), 0.5  # starts that get one more, their least share of gain
 AHEAD = 3  # causes to add, of which each gets one more
 MOST = 6  # causes
+GAP = "backlash"
 TURNS = 3  # of exchanges after each new cause
 
 
@@ -61,6 +68,38 @@ def added(judge: Judge, before: Partial, options: list[Option]) -> Partial:
     if worth - sharing.nats(judge.joints, before.known) < LATER:
         return before
     return _improved(judge, *starts[0])
+
+
+def regeared(judge: Judge, before: Partial) -> Partial:
+    """Causes with a gap in the place of a spring, if they explain more.
+
+    Where teeth bounce, a slope tells little of a gap: a spring is found instead, and
+    beside it what makes up for the rest. So all others are exchanged beside the gap.
+    """
+    place = next((n for n, each in enumerate(before.found) if _springy(each[0])), None)
+    barred = any(GAP in joint.assumed.barred for joint in judge.joints)
+    if place is None or barred:
+        return before
+    (spring, *_), rest = before.found[place], before.found[:]
+    del rest[place]
+    base = refitted(judge, before.known, spring.hypothesis.cause)
+    gap = next(h for h in CAUSES if h.law == (GAP, spring.hypothesis.variant))
+
+    def one(index: int) -> Fit:
+        sets = [[*parts_of(base[index]), (gap, np.array(own))] for own in gap.starts]
+        places = [base[index].x[:COUNT], np.zeros(COUNT)]
+        return borrowed(judge.joints[index], places, [sets])[0]
+
+    known = retried(judge, dict(zip(base, mapped(one, base), strict=True)))
+    option = scored(judge, current(Option(gap, {}, {}), known), known, base)
+    trial = _improved(judge, [*rest, [option]], known)
+    worth = sharing.nats(judge.joints, trial.known)
+    more = worth - sharing.nats(judge.joints, before.known)
+    return trial if more > LATER else before
+
+
+def _springy(option: Option) -> bool:
+    return option.hypothesis.geared and option.hypothesis.cause != GAP
 
 
 def _starts(judge: Judge, before: Partial, options: list[Option]) -> list[Partial]:
