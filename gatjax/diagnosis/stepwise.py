@@ -77,8 +77,7 @@ def regeared(judge: Judge, before: Partial) -> Partial:
     beside it what makes up for the rest. So all others are exchanged beside the gap.
     """
     place = next((n for n, each in enumerate(before.found) if _springy(each[0])), None)
-    barred = any(GAP in joint.assumed.barred for joint in judge.joints)
-    if place is None or barred:
+    if place is None or any(GAP in joint.assumed.barred for joint in judge.joints):
         return before
     (spring, *_), rest = before.found[place], before.found[:]
     del rest[place]
