@@ -7,6 +7,8 @@ import sys
 import pytest
 
 SEVERAL = """
+import os
+os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:2])
 import gatjax.search
 import jax
 import jax.numpy as jnp
@@ -27,11 +29,9 @@ PATIENCE = 120.0  # s, a hundred times what it takes
     not hasattr(os, "sched_setaffinity"), reason="processors can't be chosen here"
 )
 def test_factorizations_beside_each_other_do_not_block_each_other_on_two_processors():
-    two = set(sorted(os.sched_getaffinity(0))[:2])
     done = subprocess.run(
         [sys.executable, "-c", SEVERAL],
         env={k: v for k, v in os.environ.items() if k != "PJRT_NPROC"},
-        preexec_fn=lambda: os.sched_setaffinity(0, two),
         capture_output=True,
         text=True,
         timeout=PATIENCE,
