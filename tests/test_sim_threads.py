@@ -22,7 +22,7 @@ many = jnp.broadcast_to(jnp.eye(32), (256, 32, 32))
 done = jax.jit(lambda m: jax.lax.scan(step, m, None, length=200)[0])(many)
 print(done.block_until_ready().shape)
 """
-PATIENCE = 120.0  # s, a hundred times what it takes
+PATIENCE = 120.0  # s; it takes two
 
 
 @pytest.mark.skipif(

@@ -51,9 +51,8 @@ def causes(judge: Judge) -> list[list[Option]]:
     enough = len(left) <= max(1, ODD * len(known))
     first = Partial([firsts], known | firsts[0].fits)
     before = _more(judge, first if enough else begun(judge, firsts, known))
-    found, known = regeared(judge, before)
-    if found is not before.found:
-        found, known = _more(judge, Partial(found, known))
+    after = regeared(judge, before)
+    found, known = before if after is before else _more(judge, after)
     if len(found) < 2 and not _few(left, len(known)):
         return []
     return [[current(mine, known), *rivals] for mine, *rivals in found]

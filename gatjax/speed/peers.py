@@ -20,7 +20,7 @@ from mujoco import batch
 from gatjax import task as tasks
 from gatjax.robot.model import slots
 from gatjax.sim import episode
-from gatjax.sim.mjxmodel import bare_data
+from gatjax.sim.mjxmodel import bare_data, mjx
 from gatjax.speed.worlds import Walk
 
 Array = Any
@@ -99,7 +99,6 @@ def environment_loop(walk: Walk) -> Callable[[], np.ndarray]:
 
 def _ticked(model: Any, data: Any, command: Array, substeps: int) -> Any:
     """Physics after one control tick with a command."""
-    from mujoco import mjx  # sim.mjxmodel has loaded it, without what it prints
 
     def step(carry: Any, _: None) -> tuple[Any, None]:
         with jax.numpy_rank_promotion("allow"):
