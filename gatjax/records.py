@@ -104,6 +104,7 @@ class Drive(NamedTuple):
     turned: Array  # [..., J] rad, of the motor: the joint's but for a gear between them
     turning: Array  # [..., J] rad/s, speed of the motor
     servo: Servo  # as it is now
+    rated: Array  # [..., J] N m, its limit before any effect lowers it
     load: Array  # [..., J] N m, torque on the joint beside the servo's
     torque: Array  # [..., J] N m, what the servo gave in the last step
     stiffness: Array  # [..., J] share of its gain that a log says it had; 0: no power

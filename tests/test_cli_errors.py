@@ -9,8 +9,8 @@ import time
 import numpy as np
 import pytest
 
-from gatjax import runs
-from gatjax.cli import main
+from gatjax import loop, runs, speed
+from gatjax.cli import doctor, main
 from gatjax.cli.arguments import VERBS
 from gatjax.cli.interrupts import heeded
 from gatjax.cli.parsing import parse
@@ -245,3 +245,69 @@ def test_ctrl_c_in_a_generation_loses_nothing(tmp_path):
     subprocess.run([*GATJAX, *arguments], check=True, capture_output=True)
     for name, content in kept.items():
         assert (policies / name).read_bytes() == content
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        "evaluate --policies a.json --policies b.json",
+        "run --methods none --methods=gat",
+        "collect --out x.csv --motion rich --joints a --joints b",
+        "bench --models full --models light",
+        "bench diagnose --out x --kinds null --kinds pair",
+    ],
+)
+def test_a_list_in_two_parts_is_refused(given, capsys):
+    _, line = one_line(capsys, given.split())
+    assert "comes twice; give all of it after one --" in line
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ("search --out {} --seed 99999999999999999999", "--seed is 9999"),
+        ("view --robot simulator --seed 4294967296", "use 4294967295 or less"),
+        ("collect --motion rich --seconds inf --out {}/x.csv", "--seconds is inf"),
+        ("collect --motion rich --seconds nan --out {}/x.csv", "--seconds is nan"),
+        ("bench --seconds nan", "--seconds is nan"),
+    ],
+)
+def test_numbers_out_of_reach(given, says, tmp_path, capsys):
+    _, line = one_line(capsys, given.format(tmp_path).split())
+    assert says in line
+
+
+def test_an_out_that_cannot_be_written_is_told_before_any_walk(
+    tmp_path, capsys, monkeypatch
+):
+    def walk(*given):
+        raise AssertionError("it walked")
+
+    monkeypatch.setattr(loop.Simulator, "walk", walk)
+    monkeypatch.setattr(speed, "measure", walk)
+    (tmp_path / "file").write_text("")
+    for given in (
+        "collect --robot simulator --out {}/x.parquet", "bench --json {}/x.json",
+        "view --robot simulator --out {}/x.html",
+    ):  # fmt: skip
+        _, line = one_line(capsys, given.format(tmp_path / "file").split())
+        assert "is a file, --out needs a folder here" in line or "is a file" in line
+
+
+def test_collect_does_not_write_over_a_policy(tmp_path, capsys):
+    path = tmp_path / "best.json"
+    policy(path)
+    before = path.read_bytes()
+    given = ["collect", "--robot", "simulator", "--policy", str(path), "--out"]
+    _, line = one_line(capsys, [*given, str(tmp_path / "best.csv")])
+    assert f"{path} would be written over" in line
+    assert path.read_bytes() == before
+
+
+def test_an_installation_that_is_broken_is_no_success(capsys, monkeypatch):
+    rows = [("python", "3.11"), ("MJX-Warp", "needs a GPU"), ("dart", "broken: no so")]
+    monkeypatch.setattr(doctor, "examine", lambda: iter(rows))
+    code, line = one_line(capsys, ["doctor"])
+    assert code == 1 and line == "gatjax: dart: not as it should be, see above"
+    monkeypatch.setattr(doctor, "examine", lambda: iter(rows[:2]))
+    assert main(["doctor"]) == 0

@@ -177,3 +177,31 @@ def test_what_stands_at_an_end_and_what_is_not_there_is_told(tmp_path, brought):
     assert f"{np.mean(wave == -0.5):.0%} at its least" in said
     assert "at its largest" not in said
     assert "not there: torque, current, temperature, stiffness, gyro" in said
+
+
+def test_what_is_no_recordings_metadata_is_not_written_over(tmp_path, capsys):
+    table = {"time": logs.SEEN, "position.a": logs.SEEN, "command.a": logs.SEEN}
+    parquet.write_table(pa.table(table), tmp_path / "a.parquet")
+    policy = tmp_path / "walk.json"
+    policy.write_text('{"schema": "gatjax.policy/1"}')
+    given = ["import", str(tmp_path / "a.parquet"), "--out", str(tmp_path / "walk.csv")]
+    assert main(given) == 1
+    assert f"{policy} would be written over" in capsys.readouterr().err
+    (tmp_path / "walk.csv").write_text("a,b\n")
+    assert main(given) == 1
+    assert policy.read_text() == '{"schema": "gatjax.policy/1"}'
+    policy.unlink()
+    assert main(given) == 0 and main(given) == 0  # its own
+
+
+def test_a_dropped_column_may_be_anything(tmp_path, brought):
+    rows = [
+        f"{t:.2f},{t:.2f},{t:.2f},{'E1' if t > 1.5 else int(100 * t) % 7}"
+        for t in logs.SEEN
+    ]
+    log = tmp_path / "log.csv"
+    log.write_text("\n".join(["time,position.a,command.a,status", *rows]))
+    drop = tmp_path / "drop.yaml"
+    drop.write_text("drop: [status]")
+    code, _, _, out = brought(log, "--map", drop)
+    assert code == 0 and "position.a" in read_recording(out).columns

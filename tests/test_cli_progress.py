@@ -41,3 +41,12 @@ def test_no_bar_runs_over_what_a_person_is_asked(monkeypatch, capsys):
     with progress.shown_beside("lola:/tmp/nao.sock", 1.0) as teller:
         teller.stage("2 walks")
     assert capsys.readouterr().err == "[    0 s,   0%] 2 walks\n"
+
+
+def test_a_bar_is_where_it_does_not_mix_with_results(monkeypatch, capsys):
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    with progress.shown(1.0) as teller:
+        teller.stage("10 walks")
+        teller.work(1.0)
+    said = capsys.readouterr()
+    assert said.out == "" and "10 walks" in said.err

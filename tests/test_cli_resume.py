@@ -215,6 +215,7 @@ def test_one_walk_has_no_spread():
         (["run", "--resume", "--run", "a/b"], "`gatjax run --resume --run a/b` goes"),
         (["search", "--out", "there"], "the same command goes on"),
         (["evaluate"], "nothing was kept"),
+        (["evaluate", "--robot", "lola"], "the same command goes on after the walks"),
     ],
 )
 def test_ctrl_c_says_how_this_verb_goes_on(given, says, capsys, monkeypatch, tmp_path):
@@ -439,3 +440,34 @@ def test_a_search_folder_holds_what_the_search_is(found):
     assert config["world"] is None
     assert config["search"]["generations"] == 1
     assert list(config["policy"].values()) == THETA0.tolist()
+
+
+def test_a_search_that_never_began_claims_no_folder(tmp_path, capsys):
+    line = refused(capsys, search(tmp_path, "--hosts", "2"))
+    assert "--hosts is for --listen" in line
+    assert main([*search(tmp_path, "--rate-hz", "100"), "--seed", "3"]) == 0
+    told = capsys.readouterr().out
+    assert told.endswith("policies/search_0_0_mean.json --rate-hz 100\n")
+
+
+def test_a_command_to_go_on_with_can_be_typed(capsys, monkeypatch, tmp_path):
+    def stop(verb):
+        runs.open_run("my runs", DEMO, "begun")
+        raise KeyboardInterrupt
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(verbs, "act", stop)
+    main(["run", "--out", "my runs"])
+    assert "run --resume --out 'my runs'` goes on" in capsys.readouterr().err
+
+
+def test_a_grounding_writes_over_no_world_that_is_none(tmp_path, capsys):
+    time = np.arange(50) * 0.02
+    log(tmp_path / "robot.parquet", time, count=4)
+    log(tmp_path / "simulator.parquet", time, count=4)
+    path = world_file(tmp_path / "out", ("command_delay", 0.02))
+    before = path.read_bytes()
+    for more in ([], ["--world", str(path)]):
+        line = refused(capsys, ground(tmp_path, "--method", "envelope", *more))
+        assert f"{path} is not of a grounding" in line
+    assert path.read_bytes() == before

@@ -1,5 +1,6 @@
 """A robot under guard before and after its walks, and who holds the process."""
 
+import contextlib
 import os
 import select
 import signal
@@ -9,16 +10,25 @@ import numpy as np
 import pytest
 
 from gatjax import task as tasks
-from gatjax.hardware import process
+from gatjax.hardware import process, walks
 from gatjax.hardware import session as sessions
 from gatjax.hardware.frames import Lost
 from gatjax.hardware.guard import CROUCH, FELL, Guard, Mode, Stage
 from gatjax.hardware.lola import ORDER
 from gatjax.hardware.process import interruptible
+from gatjax.hardware.robot import HungHardware
 from gatjax.hardware.session import Session, Stopped, first_frame
+from gatjax.hardware.terminal import Terminal
 from gatjax.records import JOINTS, Reading
 from gatjax.surrogate.attended import SimulatedNao
-from gatjax.surrogate.faults import Direct, frozen, started
+from gatjax.surrogate.faults import (
+    PERIOD,
+    Direct,
+    dropped,
+    frozen,
+    standing,
+    started,
+)
 from gatjax.walk.parameters import THETA0
 
 KNEE = JOINTS.index("LKneePitch")
@@ -322,3 +332,30 @@ def test_a_mind_whose_answer_nobody_reads_ends_without_a_word(capfd):
     mind.socket.close()
     mind.process.wait(5.0)
     assert capfd.readouterr().err == ""
+
+
+class Hanging(HungHardware):
+    """Hung hardware that has its session already."""
+
+    def __init__(self, session):
+        self.name, self.period, self.attendant = "nao", PERIOD, Terminal()
+        self.held = session
+
+    @contextlib.contextmanager
+    def _session(self):
+        yield self.held
+
+    def _run(self, session, number, pose, what, run):
+        return run()
+
+
+@pytest.mark.parametrize("since", [10, 298, 299])
+def test_frames_that_are_lost_in_a_motion_are_no_fall(since):
+    session, link = standing("stiff", dropped(1), 1_000_000)
+    link.begin = link.feet + round(walks.STEADY / PERIOD) + since
+    targets = np.tile(tasks.pose(THETA0), (300, 1))
+    run = Hanging(session).play(targets[None], 1.0 / PERIOD, np.zeros(1, int))
+    alive, time = run.alive[0], run.time[0]
+    assert alive[-1] and alive.sum() == 299
+    assert (np.diff(time[alive]) > 0.0).all()
+    assert time[-1] <= 300 * PERIOD

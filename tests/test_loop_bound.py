@@ -7,7 +7,7 @@ from gatjax.data.trajectories import split_by_trajectory, to_recording
 from gatjax.grounding import prediction
 from gatjax.loop import Simulator
 from gatjax.loop.bound import BOUND, LOOSE, PARTS, WORSE, _least, bounded, motors
-from gatjax.loop.ground import HELD_OUT, WINDOWS, measured
+from gatjax.loop.ground import HELD_OUT, WINDOWS, measured, parted
 from gatjax.records import JOINTS
 from gatjax.robot.nao import LEG_PITCH, WALKING_JOINTS, motor_of
 from gatjax.sim.backend import prepare
@@ -98,3 +98,18 @@ def test_a_motor_that_no_bound_suits_has_none(walks, monkeypatch):
 )
 def test_the_least_limit_is_found_in_parts_of_the_most(least, found):
     assert _least(10.0, lambda limit: limit >= least) == pytest.approx(found)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_what_tests_predictions_is_long_enough_for_it(walks, seed):
+    ids = np.repeat(np.arange(20), np.where(np.arange(20) < 5, 100, 20))
+    recording = walks._replace(time=0.02 * np.arange(len(ids)), trajectory=ids)
+    seen, held_out = parted(recording, 0.02, seed)
+    assert len(held_out) == 1 and held_out[0] < 5
+    assert sorted([*seen, *held_out]) == list(range(20))
+
+
+def test_long_walks_are_parted_as_ever(walks):
+    seen, held_out = parted(walks, TASK.control_period, SEED)
+    before = split_by_trajectory(walks.trajectory, HELD_OUT, SEED)
+    assert (seen.tolist(), held_out.tolist()) == tuple(part.tolist() for part in before)

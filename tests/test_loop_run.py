@@ -455,3 +455,27 @@ def test_trials_are_grouped_by_entry_also_where_one_lacks_it(tmp_path):
         [(False, "gat"), (True, "gat")],
         [(True, "more")],
     ]
+
+
+class Clumsy(Late):
+    """A robot that only theta0 gets over."""
+
+    name = "clumsy"
+
+    def walk(self, policies, seeds, task=SHORT):
+        walk, outcome = super().walk(policies, seeds, task)
+        known = (np.asarray(policies) == THETA0).all(axis=1)
+        return walk, outcome._replace(fell_at=np.where(known, np.inf, 0.1))
+
+
+def test_no_walk_is_shown_as_the_best_of_a_method_that_found_none(
+    tmp_path, monkeypatch
+):
+    searching([], monkeypatch)
+    settings = dataclasses.replace(SETTINGS, candidates=("best",), methods=("gat",))
+    monkeypatch.setattr(stages, "search", lambda alike, iteration, thetas: [
+        [loop.Candidate("gat", iteration, 1, "best", 1.01 * theta)] for theta in thetas
+    ])  # fmt: skip
+    folder = runs.open_run(tmp_path, settings).path
+    loop.run(folder, settings, Clumsy(), quiet())
+    assert [path.name for path in (folder / "walks").iterdir()] == ["theta0_robot.npz"]

@@ -153,3 +153,31 @@ def test_what_is_dropped_is_dropped_by_either_name():
     told = column_map({"columns": columns, "drop": ["torque.*"]}, "map")
     made = readers.assemble(source(raw), told)
     assert set(made.recording.columns) == {"position.a", "command.a"}
+
+
+@pytest.mark.parametrize("signal", ["position.b", "torque.b"])
+def test_what_pauses_is_not_made_up(signal):
+    time = np.arange(0.0, 10.0, 0.01)
+    some = np.append(time[(time < 4.0) | (time > 6.005)], 10.1)
+    both = {name: Stream(time, time) for name in ("command.a", "position.a")}
+    both |= {"command.b": Stream(time, time), "position.b": Stream(time, time)}
+    made = readers.assemble(source(both | {signal: Stream(some, some)}))
+    columns, rows = made.recording.columns, made.recording.time
+    told = " ".join(made.notes)
+    if signal == "torque.b":
+        assert len(rows) == len(time) and signal not in columns
+        assert "torque.b: left out, nothing for 2.02 s" in told
+        return
+    assert not ((rows > 4.0) & (rows < 6.0)).any()
+    assert len(rows) == (some < 10.0).sum()
+    assert "201 rows in pauses of position.b left out" in told
+
+
+def test_a_sample_that_is_lost_and_slow_signals_are_no_pause():
+    time = np.arange(0.0, 10.0, 0.01)
+    some = np.delete(time, [100, 500])
+    both = {name: Stream(time, time) for name in ("command.a", "position.a")}
+    both |= {"command.b": Stream(time, time), "position.b": Stream(some, some),
+             "torque.b": Stream(time[::50], time[::50])}  # fmt: skip
+    made = readers.assemble(source(both)).recording
+    assert len(made.time) == len(time) and "torque.b" in made.columns

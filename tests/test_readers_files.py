@@ -270,3 +270,22 @@ def test_whatever_a_parser_trips_over_is_one_line_with_the_file(
     with pytest.raises(ValueError, match=name.replace(".", r"\.")) as error:
         read(path)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(("name", "given"), [("episode", {}), ("lap", {"run": "lap"})])
+def test_arrays_are_parted_into_runs(tmp_path, name, given):
+    path, lap = tmp_path / "log.npz", np.repeat([3, 1], [60, 40])
+    time = np.concatenate([np.arange(60), np.arange(40)]) * 0.01
+    np.savez(path, time=time, q=lap[:, None] + time[:, None], action=time[:, None],
+             **{name: lap})  # fmt: skip
+    source = readers.read(path, lambda share: None, readers.Given(**given))
+    made = readers.assemble(source).recording
+    assert made.trajectory.tolist() == [0] * 40 + [1] * 60
+    assert made.columns["position.joint_0"][[0, 40]].tolist() == [1.0, 3.0]
+    with pytest.raises(ValueError, match="'round' is no array of the runs' numbers"):
+        readers.read(path, lambda share: None, readers.Given(run="round"))
+
+
+def test_runs_that_are_known_cannot_be_named(tmp_path):
+    with pytest.raises(ValueError, match="its runs are known already"):
+        readers.read(tmp_path, lambda share: None, readers.Given(run="lap"))

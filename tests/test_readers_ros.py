@@ -260,3 +260,27 @@ def test_every_clock_is_brought_to_that_of_the_joint_states(tmp_path):
     assert begins["/imu/gyro.z"] - seen == pytest.approx(0.0, abs=1e-4)
     assert begins["/plan/position.hip"] - seen == pytest.approx(5.987, abs=1e-4)
     assert sum("moved by" in note for note in source.notes) == 2
+
+
+def test_a_path_goes_to_its_first_point_from_where_the_commands_are(tmp_path):
+    sent = [path("/goal", 0.0, [(0.0, 0.0, 0.0), (2.0, 2.0, 0.0)]),
+            path("/goal", 0.5, [(1.0, -0.5, 0.0)]),
+            path("/goal", 1.6, [(0.2, 0.5, 0.0)], [[0.0, 0.0]])]  # fmt: skip
+    stream = written(tmp_path, *sent).runs[0]["/goal/position.hip"]
+    time = stream.time - stream.time[0]
+    share = (time - 1.6) / 0.2
+    cubic = 1.0 * (3.0 * share**2 - 2.0 * share**3) - 0.5
+    expected = np.select(
+        [time < 0.5 - 1e-6, time < 1.5 - 1e-6, time < 1.6 - 1e-6],
+        [time, 0.5 - (time - 0.5), np.full_like(time, -0.5)], cubic,
+    )  # fmt: skip
+    np.testing.assert_allclose(stream.values, expected, atol=1e-5)
+    assert time[-1] == pytest.approx(1.8, abs=1e-5)
+
+
+def test_cubics_go_on_with_the_speed_of_the_path_before(tmp_path):
+    sent = [path("/goal", 0.0, [(0.0, 0.0, 0.0), (2.0, 2.0, 0.0)]),
+            path("/goal", 1.0, [(1.0, 2.0, 0.0)], [[1.0, 0.0]])]  # fmt: skip
+    stream = written(tmp_path, *sent).runs[0]["/goal/position.hip"]
+    time = stream.time - stream.time[0]
+    np.testing.assert_allclose(stream.values, time, atol=1e-5)

@@ -181,3 +181,52 @@ def test_a_row_without_a_stamp_is_told(tmp_path, cell):
     path.write_text(f"time,position.a\n0,1\n{cell},2\n2,3\n")
     with pytest.raises(ValueError, match="row 2, column 'time': nan is not a number"):
         read(path)
+
+
+def lines(path, header, *rows):
+    """A CSV file of these lines."""
+    path.write_text("\n".join([header, *rows]) + "\n")
+    return path
+
+
+def test_truth_is_a_number(tmp_path, ending):
+    table = {"time": TIME, "position.a": TIME, "command.a": TIME, "on": TIME > 1.0}
+    run = read(write(table, tmp_path / f"log{ending}")).runs[0]
+    np.testing.assert_array_equal(run["on"].values, TIME > 1.0)
+    np.testing.assert_array_equal(run["position.a"].values, TIME)
+
+
+@pytest.mark.parametrize("late", ["wave", "7.5", ""])
+def test_what_a_column_holds_may_show_late(tmp_path, monkeypatch, late):
+    monkeypatch.setattr(tables, "PIECE", 1000)
+    rows = [f"{t:.2f},{t:.2f},{t:.2f},{late if t > 2.0 else ''}" for t in TIME]
+    path = lines(tmp_path / "log.csv", "time,position.a,command.a,event", *rows)
+    source = read(path)
+    run = source.runs[0]
+    assert ("event" in run) is (late == "7.5")
+    if late == "7.5":
+        assert run["event"].time[0] == pytest.approx(2.01)
+        assert set(run["event"].values) == {7.5}
+    else:
+        assert "event" in " ".join(source.notes)
+    assert len(run["position.a"].time) == len(TIME)
+
+
+def test_a_column_that_is_dropped_is_not_read(tmp_path):
+    rows = [
+        f"{t:.2f},{t:.2f},{t:.2f},{'E1' if t > 2.0 else int(100 * t) % 7}" for t in TIME
+    ]
+    path = lines(tmp_path / "log.csv", "time,position.a,command.a,status", *rows)
+    with pytest.raises(ValueError, match=r"'E1' is not a number.*under drop in --map"):
+        read(path)
+    source = read(path, skips=lambda name: name in ("status", "time"))
+    assert list(source.runs[0]) == ["position.a", "command.a"]
+
+
+def test_a_run_without_a_number_is_left_out(tmp_path, ending):
+    gone = np.where(np.arange(300) < 50, np.nan, TIME)
+    table = {"time": TIME, "trajectory": np.repeat([0, 1], [50, 250]),
+             "position.a": gone, "command.a": gone}  # fmt: skip
+    source = read(write(table, tmp_path / f"log{ending}"))
+    assert len(source.runs) == 1 and "run 0 left out" in " ".join(source.notes)
+    assert len(readers.assemble(source).recording.time) == 250

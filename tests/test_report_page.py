@@ -264,10 +264,28 @@ def test_the_policy_of_the_first_and_how_to_walk_it_are_told(tmp_path):
     config = json.loads((folder / "config.json").read_text())
     config |= {"robot": "stiff", "body_seed": 3, "rate_hz": 50.0}
     (folder / "config.json").write_text(json.dumps(config))
+    (folder / "robot.json").write_text('{"name": "stiff"}')
     policy_line, again, deploy = onward(folder)
     assert policy_line == f"policy {policy}, from GAT"
     assert again == f"walk it again: {walked} --robot stiff --body-seed 3"
     assert deploy == f"on a NAO: gatjax deploy {policy} --robot lola"
+
+
+def test_commands_of_the_first_can_be_typed_and_name_no_unknown_robot(tmp_path):
+    folder = write_default(tmp_path / "my runs")
+    policy = folder / "policies" / "gat_0_2_best.json"
+    config = json.loads((folder / "config.json").read_text()) | {"robot": "dart"}
+    (folder / "config.json").write_text(json.dumps(config))
+    for robot, known in (
+        ({"name": "dart"}, True), ({"name": "nao", "address": "dart"}, True),
+        ({"name": "my-nao"}, False), ({"name": "my-nao", "address": "x"}, False),
+    ):  # fmt: skip
+        (folder / "robot.json").write_text(json.dumps(robot))
+        lines = onward(folder)
+        again = f"walk it again: gatjax evaluate --policies '{policy}' --robot dart"
+        assert (again in lines) is known
+        assert lines[-1] == f"on a NAO: gatjax deploy '{policy}' --robot lola"
+        assert ("Walk it again" in shown(page_of(folder))) is known
 
 
 def test_a_robots_constants_are_rounded_and_have_their_units(tmp_path):

@@ -464,3 +464,77 @@ def test_runs_with_the_same_key_meet_the_same_start_and_request():
     hip = walk.command[:, :, JOINTS.index("LHipPitch")]
     begins = (np.abs(hip - hip[:, :1]) > 1e-3).argmax(1)
     assert begins[0] == begins[1] > 0
+
+
+# What a model file says in a way of its own
+
+ARM = """
+<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
+<body name="base"><joint name="a" axis="0 1 0" {joint}/><site name="s"/>
+  <geom type="capsule" size=".03" fromto="0 0 0 0 0 -.3" mass="0.5"/>
+  <body name="tip" pos="0 0 -.3"><site name="t"/>
+    <geom type="sphere" size=".02" mass="0.1"/></body></body></worldbody>
+<actuator><position name="a" joint="a" kp="20" kv="0.2" {servo}/></actuator>
+<sensor><gyro site="t"/><accelerometer site="t"/><gyro site="s"/>
+  <accelerometer site="s"/><touch site="s"/><force site="s"/><touch site="t"/></sensor>
+</mujoco>"""
+
+
+def arm(path, joint="", servo=""):
+    """A link with two inertial units, and limits of torque at joint or servo."""
+    path.write_text(ARM.format(joint=joint, servo=servo))
+    return nominal(Task(control_period=0.01), path)
+
+
+@pytest.mark.parametrize("cause", [None, "backlash", "speed_limit", "torque_limit"])
+def test_a_joints_limit_of_torque_is_its_servos(cause, tmp_path):
+    limited = [
+        {"servo": 'forcerange="-1 1"'}, {"joint": 'actuatorfrcrange="-1 1"'},
+        {"joint": 'actuatorfrcrange="-1 1"', "servo": 'forcerange="-9 9"'},
+    ]  # fmt: skip
+    values = {"backlash": {"width": 0.001}, "torque_limit": {"limit": 0.5},
+              "speed_limit": {"limit": 5.0, "on_motor": 1.0}}  # fmt: skip
+    command = np.where(np.arange(60) > 5, 1.0, 0.0)[None, :, None]
+    played = []
+    for number, given in enumerate(limited):
+        world = arm(tmp_path / f"{number}.xml", **given)
+        if cause is not None:
+            world = add_cause(world, cause, ["a"], values[cause])
+        start = np.zeros(world.model.nq), np.zeros(world.model.nv)
+        played.append(replay_many(world, stacked([world.values]), command, *start))
+    for each in played[1:]:
+        np.testing.assert_array_equal(each.reading.angle, played[0].reading.angle)
+        np.testing.assert_array_equal(each.torque, played[0].torque)
+    assert np.abs(played[0].torque).max() <= 1.0 + 1e-9
+
+
+def test_of_several_inertial_units_that_of_the_base_counts(tmp_path):
+    model = arm(tmp_path / "arm.xml").model
+    where = robot_model.slots(model)
+    names = [model.sensor(index).type[0] for index in range(model.nsensor)]
+    assert len(names) == 7
+    assert where.gyro.tolist() == [6, 7, 8]
+    assert where.accelerometer.tolist() == [9, 10, 11]
+    assert where.force.tolist() == [12, 16]
+    world = add_cause(arm(tmp_path / "arm.xml"), "imu_misalignment", ["imu"], 0.1)
+    run = replay_many(
+        world, stacked([world.values]), np.zeros((1, 5, 1)), np.zeros(1), np.zeros(1)
+    )
+    assert run.reading.gyro.shape[-1] == run.reading.accelerometer.shape[-1] == 3
+
+
+@pytest.mark.parametrize(
+    ("cause", "place", "values", "says"),
+    [
+        ("command_delay", ["all"], {"delay": np.nan}, "delay nan s is out of range"),
+        ("gain_error", ["all"], {"scale": np.nan}, "scale nan 1 is out of range"),
+        ("thermal_derating", ["all"], {"lost_fraction": 0.1, "cooling": np.nan},
+         "cooling nan s is out"),
+        ("sole_geometry", ["LFoot"], {"wear": 1e-3, "x": 0.0}, "x and y are both 0"),
+        ("com_shift", ["LFoot"], {"distance": 0.01, "x": 0.0}, "x, y, z are all 0"),
+        ("sole_geometry", ["all"], {"wear": 1e-3}, "name bodies, the feet"),
+    ],
+)  # fmt: skip
+def test_numbers_that_are_none_are_refused(cause, place, values, says):
+    with pytest.raises(ValueError, match=says):
+        add_cause(nominal(), cause, place, values)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import sys
 import traceback
 from pathlib import Path
@@ -14,10 +15,12 @@ from gatjax.cli.arguments import (
     BenchDiagnose,
     Collect,
     Deploy,
+    Evaluate,
     Import,
     Run,
     Search,
     SimulateNao,
+    View,
 )
 from gatjax.cli.interrupts import check, heeded
 from gatjax.cli.parsing import parse
@@ -98,16 +101,17 @@ def _kept(chosen: Any, before: set[Path]) -> str:
         before: `_runs` before it began.
     """
     if isinstance(chosen, Run) and (chosen.resume or _runs(chosen) > before):
-        folder = f"--out {chosen.out}" if chosen.run is None else f"--run {chosen.run}"
-        return f"`gatjax run --resume {folder}` goes on"
+        flag = "--out" if chosen.run is None else "--run"
+        folder = shlex.quote(str(chosen.run or chosen.out))
+        return f"`gatjax run --resume {flag} {folder}` goes on"
     if isinstance(chosen, Search | BenchDiagnose):
         return "the same command goes on"
     if isinstance(chosen, Deploy):
         return "with its --out the same command goes on"
     if isinstance(chosen, SimulateNao):
         return "the simulated NAO is gone"
-    if isinstance(chosen, Collect) and is_hardware(chosen.robot):
-        if chosen.motion is not None:
+    if isinstance(chosen, Collect | Evaluate | View) and is_hardware(chosen.robot):
+        if isinstance(chosen, Collect) and chosen.motion is not None:
             return f"its frames are in {chosen.out.with_suffix('')}"
         return "the same command goes on after the walks that are there"
     return "nothing was kept"

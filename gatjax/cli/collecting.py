@@ -8,9 +8,9 @@ import numpy as np
 
 from gatjax import motions
 from gatjax.cli import arguments as verbs
-from gatjax.cli.inputs import check_least, policy_of, robot_of
+from gatjax.cli.inputs import check_least, check_seconds, policy_of, robot_of
 from gatjax.cli.progress import shown_beside
-from gatjax.data.recording import Recording, check_ending, write_recording
+from gatjax.data.recording import Recording, check_output, write_recording
 from gatjax.data.trajectories import to_recording
 from gatjax.hardware.robot import Hardware, HungHardware
 from gatjax.loop.play import Hangable, Play, Player, record_motion
@@ -35,7 +35,10 @@ def record(verb: verbs.Collect) -> None:
     if extra is not None:
         kind = "goes with --motion" if walks else "is for walks, not for --motion"
         raise ValueError(f"--{extra} {kind}; leave it out")
-    check_ending(verb.out)
+    if verb.seconds is not None:
+        check_seconds(verb.seconds)
+    check_output(verb.out)
+    make_folder(verb.out.parent)
     asked = None if verb.motion is None else motions.motion(verb.motion)
     task = task_at(verb.rate_hz) if walks else playing_at(verb.rate_hz, verb.robot)
     folder = verb.out.with_suffix("")
@@ -47,7 +50,6 @@ def record(verb: verbs.Collect) -> None:
         recording, told = walked(verb, robot, drawn)
     else:
         recording, told = played(verb, robot, asked, drawn)
-    make_folder(verb.out.parent)
     write_recording(verb.out, recording)
     print(f"{verb.out}: {told}")
 

@@ -19,6 +19,7 @@ from gatjax.task import Task
 from gatjax.walk.parameters import THETA0
 
 PACKAGES = ("jax", "mujoco", "mujoco-mjx", "evosax", "orbax-checkpoint", "dartpy")
+BROKEN = ("broken", "missing", "refused")  # how findings begin that are none
 
 
 def examine() -> Iterator[tuple[str, str]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,12 @@ import numpy as np
 from gatjax.cli.arguments import Import
 from gatjax.cli.progress import shown
 from gatjax.data import checks, readers
-from gatjax.data.mapping import JOINT_FAMILIES, ColumnMap, read_map
+from gatjax.data.mapping import JOINT_FAMILIES, ColumnMap, is_dropped, read_map
 from gatjax.data.readers import drafts
 from gatjax.data.recording import (
     Recording,
     check_ending,
+    check_output,
     check_recording,
     write_recording,
 )
@@ -40,6 +42,7 @@ def bring(verb: Import) -> None:
     if not verb.logs:
         raise ValueError("no log is named; give at least one file or folder")
     _check_spared(verb)
+    check_output(verb.out)
     given = None if verb.map is None else read_map(verb.map)
     make_folder(verb.out.parent)
     recording = _read(verb, given)
@@ -124,7 +127,8 @@ def _rows_of(given: ColumnMap | None) -> readers.Given:
     entries = {} if given is None else given.entries
     named = {name: entries[name].source for name in ("time", "trajectory")
              if name in entries and entries[name].source != name}  # fmt: skip
-    return readers.Given(named.get("time"), named.get("trajectory"))
+    skips = partial(is_dropped, given) if given is not None else readers.Given().skips
+    return readers.Given(named.get("time"), named.get("trajectory"), skips)
 
 
 def _teller(progress: Progress, path: Path) -> Callable[[float], None]:

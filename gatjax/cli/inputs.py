@@ -18,6 +18,8 @@ from gatjax.surrogate import ROBOTS, make_robot
 from gatjax.task import Task
 from gatjax.walk.parameters import THETA0
 
+MOST = 2**32 - 1  # that a random key takes as its seed
+
 
 def world_of(path: Path | None, task: Task) -> World:
     """Load a world with its grounding; the ideal simulator without a path."""
@@ -68,6 +70,14 @@ def policy_of(path: Path | None) -> np.ndarray:
 def check_least(least: int, **numbers: int) -> None:
     """Refuse numbers that are too small, by the names of their flags."""
     for name, value in numbers.items():
+        flag = f"--{name.replace('_', '-')}"
         if value < least:
-            flag = name.replace("_", "-")
-            raise ValueError(f"--{flag} is {value}; use {least} or more")
+            raise ValueError(f"{flag} is {value}; use {least} or more")
+        if value > MOST:
+            raise ValueError(f"{flag} is {value}; use {MOST} or less")
+
+
+def check_seconds(seconds: float) -> None:
+    """Refuse a length of time that is none."""
+    if not 0.0 < seconds < np.inf:
+        raise ValueError(f"--seconds is {seconds}; use a number greater than 0")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -53,6 +54,16 @@ def check_pair(robot: Recording, simulator: Recording) -> None:
         raise ValueError(
             f"{simulator.name} is a log of {second!r} and {robot.name} one of "
             f"{first!r}; --simulator-log wants gatjax collect --robot simulator"
+        )
+
+
+def check_own(folder: Path) -> None:
+    """Refuse to write a grounding's world over one that is none."""
+    there = folder / "world.json"
+    if there.exists() and not (folder / "grounder.json").exists():
+        raise ValueError(
+            f"{there} is not of a grounding, and would be written over; choose "
+            f"another --out"
         )
 
 

@@ -32,10 +32,18 @@ def _typed(arguments: list[str]) -> tuple[str, ...]:
 
 
 def _check_lists(arguments: list[str]) -> None:
-    """Refuse a flag for files that comes twice: only its last files would count."""
-    for flag in ("--data", "--held-out"):
-        if sum(word.partition("=")[0] == flag for word in arguments) > 1:
-            raise ValueError(f"{flag} comes twice; give all its files after one {flag}")
+    """Refuse a flag for several things that comes twice: only the last would count."""
+    kinds = [*VERBS.values(), BenchDiagnose, LoopSettings]
+    several = {
+        f"--{field.name.replace('_', '-')}"
+        for kind in kinds
+        for field in dataclasses.fields(kind)
+        if str(field.type).startswith("tuple[")
+    }
+    given = [word.partition("=")[0].replace("_", "-") for word in arguments]
+    for flag in given:
+        if flag in several and given.count(flag) > 1:
+            raise ValueError(f"{flag} comes twice; give all of it after one {flag}")
 
 
 def parse(arguments: list[str]) -> Any:
@@ -45,12 +53,12 @@ def parse(arguments: list[str]) -> Any:
         ValueError: no such verb or option, a value that is none, or a flag that takes
             several files is given twice.
     """
+    _check_lists(arguments)
     if arguments[:2] == ["bench", "diagnose"]:
         with short("bench diagnose"):
             prog = "gatjax bench diagnose"
             return tyro.cli(BenchDiagnose, args=arguments[2:], prog=prog)
     _check_verb(arguments[0])
-    _check_lists(arguments)
     preset = _preset(arguments)
     run = Run(loop=PRESETS.get(preset, DEMO), typed=_typed(arguments))
     verbs: Any = None

@@ -88,7 +88,8 @@ def open_search(verb: Search, settings: SearchSettings, theta: np.ndarray) -> No
         there = runs.read_json(file)
         if there.get("schema") != SEARCH:
             raise ValueError(f"{verb.out}: not a search folder; choose another --out")
-        runs.check_same(_endless(there), _endless(asked), verb.out)
+        if done is not None:
+            runs.check_same(_endless(there), _endless(asked), verb.out)
     elif done is not None:
         raise ValueError(
             f"{verb.out}: holds a search without config.json, of an unknown world; "

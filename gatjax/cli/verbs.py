@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import tempfile
 from contextlib import closing, suppress
 from functools import singledispatch
@@ -16,7 +17,14 @@ from gatjax import loop, runs
 from gatjax.cli import arguments as verbs
 from gatjax.cli import logs, sharing
 from gatjax.cli.collecting import counted, record, summary
-from gatjax.cli.inputs import check_least, policy_of, robot_named, robot_of, world_of
+from gatjax.cli.inputs import (
+    check_least,
+    check_seconds,
+    policy_of,
+    robot_named,
+    robot_of,
+    world_of,
+)
 from gatjax.cli.progress import shown, shown_beside
 from gatjax.cli.resume import open_search, resumed
 from gatjax.data.mapping import read_map
@@ -116,6 +124,7 @@ def ground(verb: verbs.Ground) -> None:
     simulator = logs.checked(read_recording(verb.simulator_log), world, least=2)
     logs.check_pair(robot, simulator)
     runs.make_folder(verb.out)
+    logs.check_own(verb.out)
     with shown(3.0) as progress:
         progress.stage(f"{verb.method}: learn from {robot.name}")
         grounding = loop.learn_grounding(
@@ -185,7 +194,9 @@ def search(verb: verbs.Search) -> None:
         last = loop.optimise(job, chosen, progress, share)[-1]
     path = verb.out / "policies" / f"{last.name}.json"
     print(f"{path}: mean of the last generation")
-    print(f"try it: gatjax evaluate --policies {path}")
+    usual = verb.rate_hz == verbs.Search.rate_hz
+    rate = "" if usual else f" --rate-hz {verb.rate_hz:g}"
+    print(f"try it: gatjax evaluate --policies {shlex.quote(str(path))}{rate}")
 
 
 @act.register
@@ -238,6 +249,8 @@ def view(verb: verbs.View) -> None:
     task = task_at(verb.rate_hz)
     robot = robot_of(verb.robot, verb.body_seed, verb.world, task, verb.out.parent)
     theta = policy_of(verb.policy)
+    if not verb.live:
+        runs.make_folder(verb.out.parent)
     walk, outcome = robot.walk(theta[None], [verb.seed], task)
     walk = jax.tree.map(lambda leaf: np.asarray(leaf)[0], walk)
     model = nominal(task).model
@@ -246,7 +259,6 @@ def view(verb: verbs.View) -> None:
 
         play(model, states(model, walk), task.control_period)
         return
-    runs.make_folder(verb.out.parent)
     if verb.out.suffix == ".mp4":
         from gatjax.cli.film import film
 
@@ -298,8 +310,9 @@ def report(verb: verbs.Report) -> None:
 def bench(verb: verbs.Bench) -> None:
     """Measure and print steps/s."""
     check_least(1, worlds=verb.worlds)
-    if verb.seconds <= 0.0:
-        raise ValueError(f"--seconds is {verb.seconds}; use more than 0")
+    check_seconds(verb.seconds)
+    if verb.json is not None:
+        runs.make_folder(verb.json.parent)
     from gatjax import speed
 
     asked = speed.Asked(
@@ -309,7 +322,6 @@ def bench(verb: verbs.Bench) -> None:
         found = speed.measure(asked, progress)
     print(speed.table(found["rows"]))
     if verb.json is not None:
-        runs.make_folder(verb.json.parent)
         runs.write_json(verb.json, found)
         speed.draw(found["rows"], verb.json.with_suffix(".png"))
         print(f"{verb.json} and {verb.json.with_suffix('.png')}")
@@ -345,8 +357,12 @@ def bench_diagnose(verb: verbs.BenchDiagnose) -> None:
 @act.register
 def doctor(verb: verbs.Doctor) -> None:
     """Check the installation."""
-    from gatjax.cli.doctor import examine
+    from gatjax.cli.doctor import BROKEN, examine
 
     del verb
+    broken = []
     for name, finding in examine():
         print(f"{name:<16} {finding}")
+        broken += [name] if finding.startswith(BROKEN) else []
+    if broken:
+        raise ValueError(f"{', '.join(broken)}: not as it should be, see above")

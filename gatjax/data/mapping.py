@@ -237,6 +237,12 @@ def _dropped(name: str, mapping: ColumnMap) -> bool:
     return any(fnmatchcase(name, pattern) for pattern in mapping.drop)
 
 
+def is_dropped(mapping: ColumnMap, name: str) -> bool:
+    """Whether a log's column is listed under `drop`, and no entry names it."""
+    named = any(entry.source == name for entry in mapping.entries.values())
+    return _dropped(name, mapping) and not named
+
+
 def to_si(entry: Entry, raw: np.ndarray) -> np.ndarray:
     """Scales raw values [N] of the log into SI [N]."""
     return entry.factor * (entry.slope * raw + entry.offset)

@@ -290,6 +290,25 @@ def check_ending(path: Path) -> str:
     return path.suffix
 
 
+def check_output(path: Path) -> None:
+    """Refuse a name for a recording to write that has no ending, or costs a file.
+
+    The metadata of `x.csv` go to `x.json`, which may be a policy, a world or a log.
+    """
+    beside = path.with_suffix(".json")
+    if check_ending(path) == ".parquet" or not beside.exists():
+        return
+    try:
+        own = path.is_file() and "schema" not in told_of(path)
+    except ValueError:
+        own = False
+    if not own:
+        raise ValueError(
+            f"{beside} would be written over by the metadata of {path}, and is no part "
+            f"of a recording; choose another --out, or one that ends in .parquet"
+        )
+
+
 def _read_table(path: Path) -> tuple[pa.Table, dict[str, Any]]:
     """The file as it is, and its metadata."""
     ending = check_ending(path)

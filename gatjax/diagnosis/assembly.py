@@ -36,18 +36,13 @@ CAUGHT = 0.5  # s until a drawn joint has made up for a start that is as measure
 def nominal_drive(model: mujoco.MjModel, tree: weights.Tree, index: int) -> dict:
     """Numbers of a drive and its joint as the model file gives them."""
     moves = tree.moves[:, index]
-    held = model.actuator_trnid[index, 0]
-    limits = [UNLIMITED]
-    if model.actuator_forcelimited[index]:
-        limits.append(float(model.actuator_forcerange[index, 1]))
-    if model.jnt_actfrclimited[held]:
-        limits.append(float(np.abs(model.jnt_actfrcrange[held]).min()))
+    limit = float(np.abs(model.actuator_forcerange[index]).min())
     gravity = dict(zip(GRAVITY, map(float, model.opt.gravity), strict=True))
     servoed = bool(model.actuator_biasprm[index, 1] != 0.0)
     return gravity | ({} if servoed else observed(OBSERVED)) | {
         "kp": float(model.actuator_gainprm[index, 0]), "hold": float(servoed),
         "kv": float(0.0 - model.actuator_biasprm[index, 2]),
-        "limit": min(limits),
+        "limit": min(limit, UNLIMITED),
         "damping": float(np.square(moves) @ model.dof_damping),
         "friction": float(np.abs(moves) @ model.dof_frictionloss),
         "armature": float(np.square(moves) @ model.dof_armature),

@@ -87,8 +87,8 @@ def _check_drives(model: mujoco.MjModel, path: Path) -> None:
          "are those of hinges: lock other joints, or leave them out"),
         (~np.isclose(model.actuator_gear[:, 0], 1.0), "has a gear; take it out, and "
          "give kp, kv and forcerange as the joint feels them"),
-        (lopsided, "has a forcerange that is not symmetric; give the smaller limit "
-         "on both sides"),
+        (lopsided, "has a torque limit (forcerange, or actuatorfrcrange of its joint) "
+         "that is not symmetric; give the smaller limit on both sides"),
     ):  # fmt: skip
         if wrong.any():
             name = model.actuator(int(np.flatnonzero(wrong)[0])).name

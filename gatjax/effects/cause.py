@@ -120,6 +120,11 @@ def complete(name: str, entry: Cause, values: Mapping[str, Any]) -> dict[str, fl
         parts = np.array([full[axis] for axis in entry.direction], float)
         size = float(np.linalg.norm(parts))
         length = float(values.get(main, size))
+        if size == 0.0 and length != 0.0:
+            raise ValueError(
+                f"{name}: {', '.join(entry.direction)} are all 0; they are the "
+                f"direction of {main}"
+            )
         parts = parts * (length / size if size > 0.0 else 0.0)
         full |= {
             main: length,
@@ -132,8 +137,10 @@ def check_range(name: str, entry: Cause, values: Mapping[str, float]) -> None:
     """Raise ValueError if complete values of a cause are not plausible."""
     for each in entry.parameters:
         value = values[each.name]
-        given = each.default is None or value != each.default
-        if not given or np.isnan(value) or each.low <= value <= each.high:
+        usual = each.default is not None and (
+            value == each.default or bool(np.isnan(value) and np.isnan(each.default))
+        )
+        if usual or each.low <= value <= each.high:
             continue
         if each is entry.main and entry.is_neutral(value):
             continue

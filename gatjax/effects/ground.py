@@ -56,6 +56,8 @@ def wear(model: Any, fields: Fields, params: dict[str, Array]) -> Fields:
             )
         lost = params["wear"][foot]
         side = np.array([params["x"][foot], params["y"][foot]])
+        if not side.any():
+            raise ValueError("sole_geometry: x and y are both 0; they say which side")
         side = side / np.linalg.norm(side)
         if len(geoms) > 1:
             out = place[geoms, :2] @ side

@@ -229,7 +229,7 @@ def thermal(period: float) -> Effect:
     d(warmth)/dt = torque^2 - warmth / cooling; a share lost_fraction warmth / heat of
     gain and torque limits is lost, 95 % at most. `heat` in N^2 m^2 s is the warmth at
     which lost_fraction is lost; NaN means that of a motor which has run at a quarter of
-    its limit for ever. Motors are cold at the start. lost_fraction 0 is neutral.
+    its rated limit for ever. Motors are cold at the start. lost_fraction 0 is neutral.
     """
 
     def init(params: dict[str, Array], drive: Drive) -> Array:
@@ -239,7 +239,7 @@ def thermal(period: float) -> Effect:
         params: dict[str, Array], warmth: Array, drive: Drive
     ) -> tuple[Array, Drive]:
         xp = namespace_of(drive.velocity, params["lost_fraction"])
-        heat, limit = params["heat"], WARM * drive.servo.high
+        heat, limit = params["heat"], WARM * drive.rated
         usual = xp.where(xp.isfinite(limit), limit**2 * params["cooling"], 1.0)
         heat = xp.where(xp.isnan(heat), usual, heat)
         share = 1.0 - params["lost_fraction"] * warmth / heat
@@ -254,7 +254,7 @@ def supply() -> Effect:
     """All motors sag while many pull; params: max_drop (0 is neutral), total (N m).
 
     A share max_drop min(1, sum |torque| / total) of gain and limits is lost, with the
-    torques of the step before. NaN as total means half the sum of all limits.
+    torques of the step before. NaN as total means half the sum of all rated limits.
     """
 
     def init(params: dict[str, Array], drive: Drive) -> Array:
@@ -265,7 +265,7 @@ def supply() -> Effect:
         params: dict[str, Array], drawn: Array, drive: Drive
     ) -> tuple[Array, Drive]:
         xp = namespace_of(drive.velocity, params["max_drop"])
-        usual = 0.5 * drive.servo.high.sum(-1, keepdims=True)
+        usual = 0.5 * drive.rated.sum(-1, keepdims=True)
         total = xp.where(xp.isnan(params["total"]), usual, params["total"])
         drive = _weakened(
             drive, 1.0 - params["max_drop"] * xp.minimum(1.0, drawn / total)

@@ -80,6 +80,11 @@ def base_poses(world: World, recording: Recording, angle: Array) -> Array:
     return torso_poses(world.model, recording, angle, world.task.control_period)
 
 
+def shortest(seconds: float) -> int:
+    """Rows that a trajectory must have more than to be cut, `seconds` apart."""
+    return WARM + round(HORIZON / seconds) + 1
+
+
 def cut(
     world: World, recording: Recording, held_out: Array, count: int, seed: int
 ) -> Windows:
@@ -95,7 +100,7 @@ def cut(
         seed: of the draw.
     """
     seconds = world.task.control_period
-    length = WARM + round(HORIZON / seconds)
+    length = shortest(seconds) - 1
     recorded = np.stack([recording.columns[f"position.{j}"] for j in JOINTS], axis=-1)
     turned = Native(world).behind(world.values, recorded)
     base = base_poses(world, recording, turned)
@@ -103,7 +108,7 @@ def cut(
     runs = [
         (run, np.flatnonzero(recording.trajectory == run.trajectory))
         for run in to_arrays(recording, JOINTS)
-        if run.trajectory in held_out and len(run.time) > length + 1
+        if run.trajectory in held_out and len(run.time) > shortest(seconds)
     ]
     if not runs:
         raise ValueError("no held-out trajectory is long enough to test predictions on")

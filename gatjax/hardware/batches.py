@@ -21,22 +21,28 @@ def judged(task: Task, metres: float, fell_at: Array) -> Outcome:
     return Outcome(cost, velocity, np.asarray(fell_at), np.asarray(True))
 
 
-def padded(rows: list[Row], ticks: int, period: float) -> Trajectory:
+def padded(
+    rows: list[Row], ticks: int, period: float, whole: bool = False
+) -> Trajectory:
     """Turn the rows of a run into a Trajectory [ticks, ...].
 
-    The last row is repeated, not alive, where there are no more.
+    The last row is repeated, not alive, where there are no more. Of a run that is
+    `whole` but for frames that were lost, the last one is alive, at the end.
     """
     rows = rows[:ticks]
     index = np.minimum(np.arange(ticks), len(rows) - 1)
+    alive = np.arange(ticks) < len(rows)
     time = np.array([row.time for row in rows]) - rows[0].time
     after = np.maximum(np.arange(ticks) - len(rows) + 1, 0) * period
+    if whole:
+        alive[len(rows) - 1], alive[-1], after[-1] = False, True, 0.0
     readings = zip(*(row.reading for row in rows))
     return Trajectory(
         time=time[index] + after,
         command=np.stack([row.command for row in rows])[index],
         reading=Reading(*(np.stack(part)[index] for part in readings)),
         base=_bases([row.base for row in rows], index),
-        alive=np.arange(ticks) < len(rows),
+        alive=alive,
     )
 
 

@@ -157,7 +157,8 @@ class Hardware:
                 self._announce(session, f"run {number + 1} of {len(targets)}")
                 once = partial(play, session, target)
                 done = self._run(session, number, target[0], MOVES, once)
-                runs.append(padded(done.rows, len(target), self.period))
+                whole = not np.isfinite(done.fell_at)
+                runs.append(padded(done.rows, len(target), self.period, whole))
                 if done.late is not None:
                     raise done.late
         return stacked(runs)

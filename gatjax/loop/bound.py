@@ -13,9 +13,8 @@ from functools import partial
 import numpy as np
 
 from gatjax.data.recording import Recording
-from gatjax.data.trajectories import split_by_trajectory
 from gatjax.grounding import prediction
-from gatjax.loop.ground import HELD_OUT, WINDOWS, measured
+from gatjax.loop.ground import WINDOWS, measured, parted
 from gatjax.records import JOINTS
 from gatjax.robot.nao import WALKING_JOINTS, Motor, motor_of
 from gatjax.sim import causes, derived
@@ -45,7 +44,7 @@ def bounded(world: World, walks: Recording, seed: int) -> World:
     Raises:
         ValueError: a prediction diverges without any bound.
     """
-    seen, _ = split_by_trajectory(walks.trajectory, HELD_OUT, seed)
+    seen, _ = parted(walks, world.task.control_period, seed)
     windows = prediction.cut(world, measured(walks), seen, WINDOWS, seed)
     kinds, step = motors(world), world.task.control_period
     loose = [(joints, LOOSE) for joints, _ in kinds]

@@ -10,12 +10,11 @@ import numpy as np
 
 from gatjax.data import checks
 from gatjax.data.recording import Recording
-from gatjax.data.trajectories import split_by_trajectory
 from gatjax.diagnosis.diagnose import diagnose
 from gatjax.diagnosis.given import Logs, Tell
 from gatjax.diagnosis.start import Start
 from gatjax.loop.collect import collect, collect_motion, collect_motion_together
-from gatjax.loop.ground import HELD_OUT
+from gatjax.loop.ground import parted
 from gatjax.loop.play import Hangable, Player
 from gatjax.loop.setting import Away, Robot, Setting
 from gatjax.records import JOINTS
@@ -102,9 +101,8 @@ def logs(setting: Setting) -> tuple[str, list[Recording], list[Recording]]:
         )
         return model, fit, held
     walks = collect(setting, setting.robot, "robot_0", THETA0)
-    seen, unseen = split_by_trajectory(
-        walks.trajectory, HELD_OUT, setting.settings.seed
-    )
+    step, seed = setting.task.control_period, setting.settings.seed
+    seen, unseen = parted(walks, step, seed)
     fit, held = _only(walks, seen[:FIT_WALKS]), _only(walks, unseen[:HELD_WALKS])
     return model, [fit], [held]
 

@@ -59,7 +59,7 @@ def learn_grounding(
         theta: [15] that policy, for methods that let the simulator walk again.
         tell: shows a line about what goes on, of methods that take minutes.
     """
-    seen, _ = split_by_trajectory(robot.trajectory, HELD_OUT, seed)
+    seen, _ = parted(robot, world.task.control_period, seed)
     runs_of = functools.partial(to_arrays, joints=WALKING_JOINTS)
 
     def gyros() -> tuple[list[Array], list[Array]]:
@@ -135,6 +135,22 @@ def played(
     ]  # fmt: skip
 
 
+def parted(walks: Recording, seconds: float, seed: int) -> tuple[Array, Array]:
+    """Ids of trajectories to learn from, and of those that only test predictions.
+
+    These are drawn from the ones that are long enough for it.
+
+    Args:
+        walks: of the robot.
+        seconds: from row to row.
+        seed: of the draw.
+    """
+    ids, rows = np.unique(walks.trajectory, return_counts=True)
+    long = ids[rows > prediction.shortest(seconds)]
+    _, held_out = split_by_trajectory(long, HELD_OUT, seed)
+    return np.setdiff1d(ids, held_out), held_out
+
+
 def measured(recording: Recording) -> Recording:
     """A log as its robot measured it: the torso's pose (`base.*`) is for scoring.
 
@@ -187,8 +203,8 @@ def helpful(
     """
     if not world.causes:
         return grounding
-    seen, _ = split_by_trajectory(robot.trajectory, HELD_OUT, seed)
     step = world.task.control_period
+    seen, _ = parted(robot, step, seed)
     windows = prediction.cut(world, measured(robot), seen, WINDOWS, seed)
     backend = prepare(grounders.grounded(world, grounding), "native")
     most = grounding.facts.get("alpha", 0.0)
@@ -220,8 +236,8 @@ def predictions(
     world: World, grounding: grounders.Grounding, robot: Recording, seed: int
 ) -> list[dict[str, Any]]:
     """Prediction error per joint before and after grounding, held-out trajectories."""
-    _, held_out = split_by_trajectory(robot.trajectory, HELD_OUT, seed)
     step = world.task.control_period
+    _, held_out = parted(robot, step, seed)
     windows = prediction.cut(world, robot, held_out, WINDOWS, seed + 1)
     found = []
     for candidate in (world, grounders.grounded(world, grounding)):

@@ -74,6 +74,8 @@ def run_all(
         thetas = improve(compared, iteration, thetas)
     best = []
     for (setting, entry), theta in zip(compared, thetas, strict=True):
+        if theta is THETA0:  # nothing that was found stands
+            continue
         label = f"best of {entry.name} on {robot.name}"
         best.append(Shown(setting, theta, f"{entry.name}_best_robot", label))
     show(best)

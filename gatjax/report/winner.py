@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,7 +17,7 @@ class Winner(NamedTuple):
 
     method: str  # in words
     policy: Path
-    evaluate: str  # walks it again on the robot of the run
+    evaluate: str  # walks it again on the robot of the run; empty if no verb has it
     deploy: str  # lets a NAO walk it; empty if it fell when it was judged
 
 
@@ -26,17 +27,19 @@ def winner_of(run: Run, summary: Summary) -> Winner | None:
     if chosen is None:
         return None
     policy = run.folder / "policies" / f"{chosen.stem}.json"
-    flags = ""
+    path, flags = shlex.quote(str(policy)), ""
     for key, usual in (("robot", None), ("body_seed", 0), ("rate_hz", 50.0)):
         value = run.config.get(key, usual)
         if value != usual:
             flags += f" --{key.replace('_', '-')} {value}"
-    first = summary.ranked[0]
+    first, robot = summary.ranked[0], run.config.get("robot")  # it may be a user's own
+    named = run.robot.get("name", robot)
+    known = robot in (None, named, run.robot.get("address", named))
     return Winner(
         method=first.label,
         policy=policy,
-        evaluate=f"gatjax evaluate --policies {policy}{flags}",
-        deploy=f"gatjax deploy {policy} --robot lola" if first.stands else "",
+        evaluate=f"gatjax evaluate --policies {path}{flags}" if known else "",
+        deploy=f"gatjax deploy {path} --robot lola" if first.stands else "",
     )
 
 
@@ -45,11 +48,14 @@ def winner_note(run: Run, summary: Summary) -> str:
     found = winner_of(run, summary)
     if found is None:
         return ""
-    nao = f"; on a NAO: <code>{escape(found.deploy)}</code>" if found.deploy else ""
+    walks = [
+        f"{how}: <code>{escape(command)}</code>"
+        for how, command in (("Walk it again", found.evaluate),
+                             ("On a NAO", found.deploy)) if command
+    ]  # fmt: skip
     return (
         f"<p class=note>The policy from {escape(found.method)}: "
-        f"<code>policies/{escape(found.policy.name)}</code>. "
-        f"Walk it again: <code>{escape(found.evaluate)}</code>{nao}.</p>"
+        f"<code>policies/{escape(found.policy.name)}</code>. {'. '.join(walks)}</p>"
     )
 
 
@@ -59,5 +65,5 @@ def winner_lines(run: Run, summary: Summary) -> list[str]:
     if found is None:
         return []
     lines = [f"policy {found.policy}, from {found.method}"]
-    lines.append(f"walk it again: {found.evaluate}")
+    lines += [f"walk it again: {found.evaluate}"] if found.evaluate else []
     return lines + ([f"on a NAO: {found.deploy}"] if found.deploy else [])

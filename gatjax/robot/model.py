@@ -18,9 +18,9 @@ class Slots(NamedTuple):
 
     position: np.ndarray  # [J] into qpos
     velocity: np.ndarray  # [J] into qvel
-    gyro: slice
-    accelerometer: slice
-    force: slice
+    gyro: np.ndarray  # [3] into sensordata, [0] without one; the same of the next
+    accelerometer: np.ndarray
+    force: np.ndarray  # [F] of all touch sensors
 
 
 class Held(NamedTuple):
@@ -32,6 +32,7 @@ class Held(NamedTuple):
 
 HUNG = "nao_hung"  # the NAO with its torso held in the air
 SHIPPED = ("nao", HUNG)  # models that come with gatjax
+BASE = 1  # body that carries all others
 HEIGHT = 1.5  # m, of the held torso: no joint angle lets the feet touch the floor
 
 
@@ -67,7 +68,8 @@ def load(
     the file (`body/simple`), and would stop when a cause shifts its centre of mass.
 
     A servo without a torque limit gets an infinite one: it never acts, but it can be
-    lowered in compiled code, where it is fixed which servos have one.
+    lowered in compiled code, where it is fixed which servos have one. A limit that the
+    joint has (`actuatorfrcrange`) becomes its servo's, so that causes act on it.
 
     Args:
         path: MJCF file, or a name in SHIPPED.
@@ -96,7 +98,22 @@ def load(
         model.opt.timestep = timestep
     model.actuator_forcerange[model.actuator_forcelimited == 0] = -np.inf, np.inf
     model.actuator_forcelimited[:] = 1
+    _take_over_limits(model)
     return model
+
+
+def _take_over_limits(model: mujoco.MjModel) -> None:
+    """Make a joint's limit of torque that of the servo that alone drives it."""
+    for index, (joint, _) in enumerate(model.actuator_trnid):
+        driven = model.actuator_trntype[index] == mujoco.mjtTrn.mjTRN_JOINT
+        alone = (model.actuator_trnid[:, 0] == joint).sum() == 1
+        gear = model.actuator_gear[index, 0]
+        if not (driven and alone and gear and model.jnt_actfrclimited[joint]):
+            continue
+        ends = np.sort(model.jnt_actfrcrange[joint] / gear)
+        low, high = model.actuator_forcerange[index]
+        model.actuator_forcerange[index] = max(low, ends[0]), min(high, ends[1])
+        model.jnt_actfrclimited[joint] = model.jnt_actgravcomp[joint]  # holds for both
 
 
 def _hold(spec: mujoco.MjSpec, held: Held) -> None:
@@ -182,25 +199,30 @@ def check_walker(model: mujoco.MjModel, name: str) -> None:
         )
 
 
-def _sensor(model: mujoco.MjModel, kind: int) -> slice:
-    """Return the part of sensordata that holds all sensors of one kind."""
+def _sensors(model: mujoco.MjModel, kind: mujoco.mjtSensor) -> list[np.ndarray]:
+    """Where the sensors of one kind lie in sensordata; those of the base first."""
     ids = np.flatnonzero(model.sensor_type == kind)
-    if len(ids) == 0:
-        return slice(0, 0)
-    first, last = ids[0], ids[-1]
-    return slice(
-        int(model.sensor_adr[first]),
-        int(model.sensor_adr[last] + model.sensor_dim[last]),
-    )
+    bodies = model.site_bodyid[model.sensor_objid[ids]]
+    return [
+        model.sensor_adr[each] + np.arange(model.sensor_dim[each])
+        for each in ids[np.argsort(bodies != BASE, kind="stable")]
+    ]
 
 
 def slots(model: mujoco.MjModel) -> Slots:
-    """Find the actuated joints and the sensors of a model, once."""
-    ids = model.actuator_trnid[:, 0]
+    """Find the actuated joints and the sensors of a model, once.
+
+    Of several gyros or accelerometers the first at the base counts.
+    """
+    ids, none = model.actuator_trnid[:, 0], np.zeros(0, int)
+    kinds = mujoco.mjtSensor
+    gyros = _sensors(model, kinds.mjSENS_GYRO)
+    accelerometers = _sensors(model, kinds.mjSENS_ACCELEROMETER)
+    soles = _sensors(model, kinds.mjSENS_TOUCH)
     return Slots(
         position=model.jnt_qposadr[ids],
         velocity=model.jnt_dofadr[ids],
-        gyro=_sensor(model, int(mujoco.mjtSensor.mjSENS_GYRO)),
-        accelerometer=_sensor(model, int(mujoco.mjtSensor.mjSENS_ACCELEROMETER)),
-        force=_sensor(model, int(mujoco.mjtSensor.mjSENS_TOUCH)),
+        gyro=(gyros or [none])[0],
+        accelerometer=(accelerometers or [none])[0],
+        force=np.concatenate([none, *soles]),
     )

@@ -118,6 +118,7 @@ class Actuation(NamedTuple):
             turned=signal.angle,
             turning=signal.velocity,
             servo=values.servo,
+            rated=values.servo.high,
             load=0.0 * signal.velocity,
             torque=torque,
             stiffness=stiffness + 0.0 * signal.velocity,

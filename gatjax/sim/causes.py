@@ -40,6 +40,8 @@ def places(model: mujoco.MjModel, row: dict, part: Part) -> tuple[str, ...]:
         raise ValueError(f"{values}: only position servos have it, the model has none")
     names = robot_model.joint_names(model)
     if place == "foot":
+        if where == ["all"]:
+            raise ValueError(f"{row['cause']}: where is {where}; name bodies, the feet")
         names = tuple(model.body(index).name for index in range(model.nbody))
     elif place != "joint":
         if where not in ([place], ["all"]):

@@ -53,6 +53,11 @@ def _parsed(path: Path, tell: Tell, given: Given) -> Source:
             f"{path}: its samples are stamped already; leave 'from' of time out of "
             f"the map"
         )
+    if given.run and (path.is_dir() or ending in (".mcap", ".json")):
+        raise ValueError(
+            f"{path}: its runs are known already; leave 'from' of trajectory out of "
+            f"the map"
+        )
     if path.is_dir():
         return _folder(path, tell)
     match ending:

@@ -9,9 +9,18 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from gatjax.data.readers.source import Given, Run, Source, Stream, numbered, table
+from gatjax.data.readers.source import (
+    Given,
+    Run,
+    Source,
+    Stream,
+    numbered,
+    rows_of,
+    table,
+)
 
 TIMES = ("time", "t", "timestamp", "timestamps", "stamps")
+RUNS = ("trajectory", "episode", "run")
 NAMES = ("joint_names", "joints", "names")
 FAMILIES = {
     "command": ("command", "target", "action", "des_dof_pos", "q_des", "q_cmd", "goal"),
@@ -54,6 +63,7 @@ def of_arrays(
     """A log that is a dict of arrays whose rows are samples.
 
     Arrays [N] and [N, J] share the one time [N]; what is shaped otherwise is left out.
+    One that numbers the runs, whole numbers [N], parts them.
     """
     stamps = stamps_of(arrays, given)
     time = None if stamps is None else arrays[stamps]
@@ -63,13 +73,19 @@ def of_arrays(
             f"{', '.join(f'{n} {a.shape}' for n, a in arrays.items())}"
         )
     time = np.asarray(time, np.float64)
+    numbers = given.run or next((n for n in RUNS if n in arrays), None)
+    if numbers is not None and np.shape(arrays.get(numbers, 0)) != time.shape:
+        raise ValueError(
+            f"{path}: {numbers!r} is no array of the runs' numbers {time.shape}; it "
+            f"has {', '.join(arrays)}"
+        )
     listed = next((arrays[name] for name in NAMES if name in arrays), None)
     joints = None if listed is None else [str(each) for each in np.ravel(listed)]
     run: Run = {}
     draft: dict[str, dict[str, Any]] = {}
     left, taken = [], set[str]()
     for name, array in arrays.items():
-        if name == stamps or name in NAMES:
+        if name in (stamps, numbers) or name in NAMES:
             continue
         fits = array.ndim in (1, 2) and len(array) == len(time)
         if not fits or not np.issubdtype(array.dtype, np.number):
@@ -91,7 +107,11 @@ def of_arrays(
     notes = []
     if left:
         notes.append(f"{path}: left out, no rows of samples: {', '.join(left)}")
-    return Source(str(path), kind, [run], draft, {}, notes)
+    runs = [run] if numbers is None else [
+        {name: Stream(*(part[rows] for part in stream)) for name, stream in run.items()}
+        for rows in rows_of(arrays[numbers])
+    ]  # fmt: skip
+    return Source(str(path), kind, runs, draft, {}, notes)
 
 
 def _family(name: str) -> str | None:

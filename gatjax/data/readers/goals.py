@@ -1,11 +1,13 @@
 """Joint trajectories: the path of commands between points that are far apart.
 
 `joint_trajectory_controller` of ros2_control (spline interpolation) goes straight from
-point to point, and on cubics where the points have speeds.
+point to point, and on cubics where the points have speeds. A new trajectory takes over
+when it comes, from where the commands are then.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,16 +17,25 @@ FAR = 0.02  # s between points: less is a stream of commands already
 STEP = 0.01  # s
 
 
-class Path(NamedTuple):
-    """Commands of one message."""
+class Goal(NamedTuple):
+    """What one message asks for."""
 
-    time: np.ndarray  # [N] s from its start
+    begin: float  # s, when it takes over
+    time: np.ndarray  # [N] s, of its points
     position: np.ndarray  # [N, J] rad
-    filled: bool  # there are others than its points
+    velocity: np.ndarray | None  # [N, J] rad/s, where all points have one
 
 
-def path_of(body: Any) -> Path:
-    """The commands that a `trajectory_msgs/JointTrajectory` asks for.
+class Path(NamedTuple):
+    """Commands, message by message."""
+
+    time: np.ndarray  # [N] s
+    position: np.ndarray  # [N, J] rad
+    filled: bool  # there are others than points of the messages
+
+
+def goal_of(body: Any, begin: float) -> Goal:
+    """What a `trajectory_msgs/JointTrajectory` that takes over at `begin` s asks for.
 
     Raises:
         ValueError: one line: points without positions, or not in order.
@@ -37,11 +48,59 @@ def path_of(body: Any) -> Path:
             f"a JointTrajectory of {', '.join(body.joint_names)} has a point without a "
             f"position of each"
         )
-    place = np.array([point.positions for point in body.points], float)
-    place = place.reshape(len(time), count)
-    gaps = np.diff(time)
-    if (gaps <= 0.0).any():
+    if (np.diff(time) <= 0.0).any():
         raise ValueError("points of a JointTrajectory are not in the order of time")
+    place = np.array([point.positions for point in body.points], float)
+    place, speed = place.reshape(len(time), count), None
+    if all(len(point.velocities) == count for point in body.points):
+        speed = np.array([point.velocities for point in body.points], float)
+    return Goal(begin, begin + time, place, speed)
+
+
+def followed(goals: Sequence[Goal]) -> Path:
+    """The commands of goals in the order in which they came; each ends the one before.
+
+    Where a goal takes over before its first point, the commands go there from where
+    they are; before the first goal of all nobody knows.
+    """
+    ends = [np.inf]
+    for goal in goals[:0:-1]:
+        ends.append(min(ends[-1], goal.begin))
+    before: Path | None = None
+    parts: list[Path] = []
+    for goal, end in zip(goals, ends[::-1], strict=True):
+        before = _path(goal if before is None else _joined(before, goal))
+        own = before.time < end
+        parts.append(Path(before.time[own], before.position[own], before.filled))
+    return Path(
+        np.concatenate([part.time for part in parts]),
+        np.concatenate([part.position for part in parts]),
+        any(part.filled for part in parts),
+    )
+
+
+def _joined(before: Path, goal: Goal) -> Goal:
+    """A goal with a point where it takes over, if its own begin later."""
+    if goal.time[0] <= goal.begin:
+        return goal
+    at = np.array([goal.begin - STEP, goal.begin])
+    place = np.stack([np.interp(at, before.time, q) for q in before.position.T], 1)
+    speed = goal.velocity
+    if speed is not None:
+        still = goal.begin >= before.time[-1]
+        now = (place[1:] - place[:1]) * (0.0 if still else 1.0 / STEP)
+        speed = np.concatenate([now, speed])
+    return Goal(
+        goal.begin,
+        np.concatenate([at[1:], goal.time]),
+        np.concatenate([place[1:], goal.position]),
+        speed,
+    )
+
+
+def _path(goal: Goal) -> Path:
+    """Its points, and commands between those that are far apart."""
+    time, place, gaps = goal.time, goal.position, np.diff(goal.time)
     if not (gaps > FAR).any():
         return Path(time, place, False)
     between = [
@@ -49,8 +108,7 @@ def path_of(body: Any) -> Path:
         for begin, gap in zip(time[:-1], gaps, strict=True) if gap > FAR
     ]  # fmt: skip
     every = np.sort(np.concatenate([time, *between]))
-    if all(len(point.velocities) == count for point in body.points):
-        speed = np.array([point.velocities for point in body.points], float)
-        return Path(every, CubicHermiteSpline(time, place, speed)(every), True)
-    straight = [np.interp(every, time, place[:, j]) for j in range(count)]
+    if goal.velocity is not None:
+        return Path(every, CubicHermiteSpline(time, place, goal.velocity)(every), True)
+    straight = [np.interp(every, time, q) for q in place.T]
     return Path(every, np.stack(straight, 1), True)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from gatjax.data.readers.goals import path_of
+from gatjax.data.readers.goals import Goal, followed, goal_of
 from gatjax.data.readers.source import Run, Stream
 from gatjax.data.spill import Column, mapped
 
@@ -41,7 +41,7 @@ class Collector:
     def __init__(self) -> None:
         """Nothing is kept yet."""
         self.series: dict[str, dict[str, Column]] = {}  # of each group, TIME first
-        self.paths: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}  # the same
+        self.goals: dict[str, list[Goal]] = {}  # the same
         self.kinds: dict[str, str] = {}  # of each group: the type of its messages
         self.unknown: dict[str, int] = {}
         self.behind: dict[str, float] = {}  # s, least from header's stamp to log's
@@ -88,31 +88,26 @@ class Collector:
             self.unknown[unknown] = self.unknown.get(unknown, 0) + 1
 
     def _take_path(self, topic: str, stamp: float, logged: float, body: Any) -> None:
-        """Keep a path, its stamps and its angles."""
+        """Keep what a path asks for."""
         group = f"{topic}/position.{','.join(body.joint_names)}"
-        path = path_of(body)
-        if len(path.time) == 0:
+        goal = goal_of(body, stamp or logged)
+        if len(goal.time) == 0:
             return
-        if path.filled:
-            self.joined.add(group)
         if not stamp:
             self.bare.add(group)
         self.kinds[group] = TRAJECTORY
         names = [TIME, *_named(topic, "position", dict.fromkeys(body.joint_names, 0.0))]
         self.series.setdefault(group, {name: Column() for name in names})
-        time = (stamp or logged) + path.time
-        self.paths.setdefault(group, []).append((time, path.position))
+        self.goals.setdefault(group, []).append(goal)
 
     def _follow(self, group: str) -> None:
-        """Put paths one after the other; each ends where a later one begins."""
-        stamps, *angles = self.series[group].values()
-        ends = [math.inf]
-        for time, _ in self.paths[group][:0:-1]:
-            ends.append(min(ends[-1], time[0]))
-        for (time, place), end in zip(self.paths[group], ends[::-1], strict=True):
-            stamps.add(time[time < end])
-            for column, angle in zip(angles, place.T, strict=True):
-                column.add(angle[time < end])
+        """Put paths one after the other."""
+        path = followed(self.goals[group])
+        if path.filled:
+            self.joined.add(group)
+        every = (path.time, *path.position.T)
+        for column, values in zip(self.series[group].values(), every, strict=True):
+            column.add(values)
 
     def _stamped(self, group: str, stamp: float, logged: float) -> None:
         """Notice how far a clock is behind that of the log."""
@@ -140,6 +135,8 @@ class Collector:
 
     def run(self, path: Path) -> tuple[Run, dict[str, str], list[str]]:
         """All signals from the first stamp on, s; their types; what was done."""
+        for group in self.goals:
+            self._follow(group)
         moves, notes = self.clocks(path)
         notes += [
             f"{path}: {group} left out, its messages differ in length"
@@ -152,8 +149,6 @@ class Collector:
         ]
         out: Run = {}
         kinds: dict[str, str] = {}
-        for group in self.paths:
-            self._follow(group)
         used = {
             group: {name: each.whole() for name, each in series.items()}
             for group, series in self.series.items() if group not in self.uneven

@@ -12,8 +12,9 @@ import numpy as np
 from gatjax.data.readers.source import Run, Stream
 
 HELD = ("command.", "stiffness.")  # signals that hold until the next stamp
-SLACK = 2.0  # periods of a signal that it may begin late or end early
-LATE = 1.0  # s without a command at the end that is told
+SLACK = 2.0  # periods of a signal that it may begin late, pause, or end early
+LATE = 1.0  # s without a command at the end that is told, or without another signal
+ROUNDING = 1e-6  # share of a pause
 Done = dict[str, dict[str, None]]  # what was done, to which signals or in which runs
 
 
@@ -40,12 +41,14 @@ def row_signals(
     for name, stream in run.items():
         _check_clock(stream.time, f"{where}, {name}")
     clock = max((run[name].time for name in positions), key=len)
-    time = _spanned(clock, run, where, done)
+    time = _bridged(_spanned(clock, run, where, done), run, where, done)
     found = {n: _at(time, n, s, done) for n, s in run.items() if _covers(n, s, time)}
     for name, stream in run.items():
         if name not in found:
             span = f"{stream.time[0]:.4g} to {stream.time[-1]:.4g} s"
             text = f"left out, from {span} only, rows to {time[-1]:.4g} s"
+            if _reaches(stream, time):
+                text = f"left out, nothing for {_pause(stream, time):.3g} s"
             done.setdefault(text, {})[name] = None
     return time, found
 
@@ -72,11 +75,43 @@ def _spanned(clock: np.ndarray, run: Run, where: str, done: Done) -> np.ndarray:
     return clock if kept.all() else clock[kept]
 
 
+def _bridged(time: np.ndarray, run: Run, where: str, done: Done) -> np.ndarray:
+    """Stamps [N] less those within a pause of a joint's positions."""
+    for name, stream in run.items():
+        pauses = np.append(np.diff(stream.time), 0.0)
+        wide = pauses > SLACK * stream.period() * (1.0 + ROUNDING)
+        if not name.startswith("position.") or not wide.any():
+            continue
+        last = np.searchsorted(stream.time, time, side="right") - 1
+        within = wide[last] & (time != stream.time[last])
+        if within.any():
+            text = f"{within.sum()} rows in pauses of {name} left out"
+            done.setdefault(text, {})[where.rpartition(": ")[2]] = None
+            time = time[~within]
+    return time
+
+
 def _covers(name: str, stream: Stream, time: np.ndarray) -> bool:
     """Whether a signal is known at all rows; what is held is from its begin on."""
-    more = SLACK * stream.period()
+    if name.startswith((*HELD, "position.")):
+        return True
+    pause = max(LATE, SLACK * stream.period())
+    return _reaches(stream, time) and _pause(stream, time) <= pause
+
+
+def _reaches(stream: Stream, time: np.ndarray) -> bool:
+    """Whether a signal is there from the first row to the last."""
     late, over = stream.time[0] - time[0], time[-1] - stream.time[-1]
-    return bool(max(late, over) <= more) or name.startswith((*HELD, "position."))
+    return bool(max(late, over) <= SLACK * stream.period())
+
+
+def _pause(stream: Stream, time: np.ndarray) -> float:
+    """The longest time without a sample, s, that rows fall into."""
+    last = np.searchsorted(stream.time, time, side="right") - 1
+    within = (last >= 0) & (last < len(stream.time) - 1)
+    within[within] &= time[within] != stream.time[last[within]]
+    at = last[within]
+    return float((stream.time[at + 1] - stream.time[at]).max(initial=0.0))
 
 
 def _at(time: np.ndarray, name: str, stream: Stream, done: Done) -> np.ndarray:

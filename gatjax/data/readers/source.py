@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,6 +35,21 @@ class Given(NamedTuple):
 
     time: str | None = None  # column of the stamps
     run: str | None = None  # column of the runs' numbers
+    skips: Callable[[str], bool] = lambda name: False  # columns that it does not want
+
+
+Rows = slice | np.ndarray
+
+
+def rows_of(ids: np.ndarray) -> Iterator[Rows]:
+    """The rows of each run, by the number [N] of each row's; one piece is a slice."""
+    ends = np.flatnonzero(np.diff(ids)) + 1
+    pieces = list(zip([0, *ends.tolist()], [*ends.tolist(), len(ids)], strict=True))
+    if len({ids[first] for first, _ in pieces}) == len(pieces):
+        yield from sorted((slice(*p) for p in pieces), key=lambda s: ids[s.start])
+        return
+    for each in np.unique(ids):
+        yield np.flatnonzero(ids == each)
 
 
 class Source(NamedTuple):

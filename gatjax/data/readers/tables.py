@@ -13,15 +13,21 @@ from pyarrow import csv, parquet
 
 from gatjax.data.mapping import quantity_of
 from gatjax.data.metadata import told_of
-from gatjax.data.readers.arrays import TIMES, stamps_of
-from gatjax.data.readers.source import Given, Run, Source, Stream, Tell
+from gatjax.data.readers.arrays import RUNS, TIMES, stamps_of
+from gatjax.data.readers.source import (
+    Given,
+    Rows,
+    Run,
+    Source,
+    Stream,
+    Tell,
+    rows_of,
+)
 from gatjax.data.recording import check_once
 from gatjax.data.spill import Column, release
 
 SUBJECTS = ("joint", "name", "signal", "joint_name")  # columns of text in long tables
-RUNS = ("trajectory", "episode", "run")
 PIECE = 1 << 22  # bytes, or a hundredth of that many rows, that are read at a time
-Rows = slice | np.ndarray
 
 
 class Words(NamedTuple):
@@ -41,7 +47,7 @@ def read(path: Path, tell: Tell, given: Given) -> Source:
         ValueError: one line: not a table, no time, text among the numbers.
     """
     try:
-        numbers, words, left = _columns(path, tell)
+        numbers, words, left = _columns(path, tell, given)
     except (pa.ArrowException, UnicodeDecodeError, OSError) as error:
         line = str(error).splitlines()[0]
         raise ValueError(f"{path}: not a readable table: {line}") from error
@@ -63,9 +69,13 @@ def read(path: Path, tell: Tell, given: Given) -> Source:
         f"{path}: column {name!r} left out, it holds no numbers"
         for name in [*words, *left]
     ]
-    parts = [slice(0, len(time))] if ids is None else _parts(ids)
+    parts = [slice(0, len(time))] if ids is None else rows_of(ids)
     runs = [_run(time, numbers, who, rows) for rows in parts]
     notes += _emptied(path, runs, numbers if who is None else {}, len(time))
+    if not all(runs) and any(runs):
+        none = [str(number) for number, signals in enumerate(runs) if not signals]
+        notes.append(f"{path}: run {', '.join(none)} left out, no number in it")
+        runs = [signals for signals in runs if signals]
     draft: dict[str, dict[str, Any]] = {
         name: {"from": name} for name in runs[0] if quantity_of(name)
     }
@@ -87,14 +97,15 @@ def _check_texts(path: Path, words: dict[str, Words]) -> None:
             text = column.names[int(column.codes[row])]
             raise ValueError(
                 f"{path}: row {row + 1}, column {name!r}: {text!r} is not a number, as "
-                f"others of this column are; mend or empty the cell"
+                f"others of this column are; mend or empty the cell, or list the "
+                f"column under drop in --map"
             )
 
 
 def _parses(text: str) -> bool:
-    """Whether a text is a number."""
+    """Whether a cell is a number, or empty."""
     try:
-        float(text)
+        float(text or "0")
     except ValueError:
         return False
     return True
@@ -125,14 +136,14 @@ def _emptied(path: Path, runs: list[Run], names: Iterable[str], rows: int) -> li
 
 
 def _columns(
-    path: Path, tell: Tell
+    path: Path, tell: Tell, given: Given
 ) -> tuple[dict[str, np.ndarray], dict[str, Words], list[str]]:
     """Columns of numbers [N] and of texts, and the names of those of neither."""
     numbers: dict[str, Column] = {}
     words: dict[str, list[np.ndarray]] = {}
     seen: dict[str, dict[str, int]] = {}
     left: dict[str, None] = {}
-    for batch in _batches(path, tell):
+    for batch in _batches(path, tell, given):
         for name, column in zip(batch.schema.names, batch.columns, strict=True):
             if pa.types.is_dictionary(column.type):
                 column = column.dictionary_decode()
@@ -147,11 +158,14 @@ def _columns(
                 numbers.setdefault(name, Column()).add(_floats(column))
             else:
                 left[name] = None
-    return (
-        {name: column.whole() for name, column in numbers.items()},
-        {n: Words(list(seen[n]), np.concatenate(words.pop(n))) for n in list(words)},
-        list(left),
-    )
+    found = {name: column.whole() for name, column in numbers.items()}
+    texts = {n: Words(list(seen[n]), np.concatenate(words.pop(n))) for n in list(words)}
+    for name in [n for n in texts if n not in SUBJECTS]:
+        if all(map(_parses, texts[name].names)):
+            said, codes = texts.pop(name)
+            values = [float(text) if text else np.nan for text in said]
+            found[name] = np.array([*values, np.nan])[codes]
+    return found, texts, list(left)
 
 
 def _floats(column: pa.Array) -> np.ndarray:
@@ -163,14 +177,23 @@ def _floats(column: pa.Array) -> np.ndarray:
     return 1e-9 * whole.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
 
 
-def _batches(path: Path, tell: Tell) -> Iterator[pa.RecordBatch]:
-    """The rows of a table, piece by piece."""
+def _wanted(path: Path, names: list[str], given: Given) -> list[str]:
+    """Columns that are to be read, of those that a table has."""
+    check_once(path, names)
+    needed = (*SUBJECTS, *RUNS, *TIMES, given.time, given.run)
+    return [
+        n for n in names if n.lower() in needed or n in needed or not given.skips(n)
+    ]
+
+
+def _batches(path: Path, tell: Tell, given: Given) -> Iterator[pa.RecordBatch]:
+    """The rows of a table, piece by piece, without columns that are not wanted."""
     if path.suffix.lower() == ".parquet":
         with parquet.ParquetFile(path) as table:
-            check_once(path, table.schema_arrow.names)
+            wanted = _wanted(path, table.schema_arrow.names, given)
             done, every = 0, max(table.metadata.num_rows, 1)
             for group in range(table.num_row_groups):  # else they pile up in memory
-                for batch in table.iter_batches(PIECE // 100, row_groups=[group]):
+                for batch in table.iter_batches(PIECE // 100, [group], wanted):
                     yield batch
                     done += batch.num_rows
                     tell(done / every)
@@ -180,14 +203,11 @@ def _batches(path: Path, tell: Tell) -> Iterator[pa.RecordBatch]:
     form = csv.ParseOptions(delimiter=mark)
     plain = csv.ConvertOptions(decimal_point=point)
     with csv.open_csv(path, block, form, plain) as first:
-        check_once(path, first.schema.names)
-        kinds = {
-            f.name: pa.float64() for f in first.schema
-            if _is_number(f.type) and not pa.types.is_timestamp(f.type)
-        }  # fmt: skip
+        wanted = _wanted(path, first.schema.names, given)
+        kinds = {f.name: _kind_to_be(f.type) for f in first.schema}
     with path.open("rb") as file:
         types = csv.ConvertOptions(  # 0, 1, 2.5: no column of int
-            column_types=kinds, decimal_point=point
+            column_types=kinds, decimal_point=point, include_columns=wanted
         )
         with csv.open_csv(file, block, form, types) as table:
             for batch in table:
@@ -204,22 +224,19 @@ def _marks(path: Path) -> tuple[str, str]:
     return mark, "," if comma else "."
 
 
+def _kind_to_be(kind: pa.DataType) -> pa.DataType:
+    """What a column of a CSV file may turn out to be, by its first rows."""
+    if pa.types.is_null(kind):
+        return pa.string()
+    whole = pa.types.is_integer(kind) or pa.types.is_floating(kind)
+    return pa.float64() if whole else kind
+
+
 def _is_number(kind: pa.DataType) -> bool:
     """Whether a column holds numbers or dates, or nothing yet."""
     tests = (pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean,
              pa.types.is_timestamp)  # fmt: skip
     return any(test(kind) for test in tests) or pa.types.is_null(kind)
-
-
-def _parts(ids: np.ndarray) -> Iterator[Rows]:
-    """The rows of each run; a run in one piece is not copied."""
-    ends = np.flatnonzero(np.diff(ids)) + 1
-    pieces = list(zip([0, *ends.tolist()], [*ends.tolist(), len(ids)], strict=True))
-    if len({ids[first] for first, _ in pieces}) == len(pieces):
-        yield from sorted((slice(*p) for p in pieces), key=lambda s: ids[s.start])
-        return
-    for each in np.unique(ids):
-        yield np.flatnonzero(ids == each)
 
 
 def _run(
