@@ -276,6 +276,7 @@ def test_a_path_goes_to_its_first_point_from_where_the_commands_are(tmp_path):
     )  # fmt: skip
     np.testing.assert_allclose(stream.values, expected, atol=1e-5)
     assert time[-1] == pytest.approx(1.8, abs=1e-5)
+    assert len(time) == 50 + 101 + 21
 
 
 def test_cubics_go_on_with_the_speed_of_the_path_before(tmp_path):
@@ -284,3 +285,4 @@ def test_cubics_go_on_with_the_speed_of_the_path_before(tmp_path):
     stream = written(tmp_path, *sent).runs[0]["/goal/position.hip"]
     time = stream.time - stream.time[0]
     np.testing.assert_allclose(stream.values, time, atol=1e-5)
+    assert len(time) == 201

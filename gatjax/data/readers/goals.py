@@ -104,7 +104,7 @@ def _path(goal: Goal) -> Path:
     if not (gaps > FAR).any():
         return Path(time, place, False)
     between = [
-        begin + STEP * np.arange(1, int(np.ceil(gap / STEP)))
+        begin + STEP * np.arange(1, int(np.ceil(gap / STEP - 1e-3)))
         for begin, gap in zip(time[:-1], gaps, strict=True) if gap > FAR
     ]  # fmt: skip
     every = np.sort(np.concatenate([time, *between]))
