@@ -16,8 +16,9 @@
 # A robot behaves differently from its simulator. This notebook takes the files of a
 # run, lets the simulator learn from them, and searches for a walk in what it learned.
 #
-# To open it: `jupytext --to ipynb notebooks/tour.py`. It reads the latest run in
-# `runs/` (`make run` makes one) and, where there is none, makes a tiny one first.
+# To open it: `jupytext --to ipynb notebooks/tour.py`. It reads the latest run
+# in `runs/` that ended (`make run` makes one); where there is none, it makes a tiny
+# one.
 
 # %%
 from pathlib import Path
@@ -70,8 +71,9 @@ def tiny_run(root: Path) -> Path:
     return folder
 
 
-root = next((path for path in (Path("runs"), Path("../runs")) if path.is_dir()), None)
-folder = runs.latest_run(root) if root else tiny_run(Path("runs"))
+reports = [*Path("runs").glob("*/report.html"), *Path("../runs").glob("*/report.html")]
+done = sorted((path.parent for path in reports), key=lambda path: path.name)
+folder = done[-1] if done else tiny_run(Path("runs"))
 config = runs.resume_run(folder).config
 print(f"{folder}: robot {config['robot']}, methods {config['methods']}")
 
@@ -186,12 +188,17 @@ for row in rows:
     name = "theta0" if row["method"] == "theta0" else name
     simulated = row["simulator_velocity_m_s"]
     said = "" if simulated is None else f"{100 * simulated:.1f}"
-    speed, falls = 100 * row["robot_velocity_m_s"], row["robot_falls"]
-    print(f"{name:<16}{said:>11}{speed:>8.1f}{falls:>10} of {row['robot_rollouts']}")
+    if row["robot_velocity_m_s"] is not None:
+        walks = f"{row['robot_falls']} of {row['robot_rollouts']}"
+        print(f"{name:<16}{said:>11}{100 * row['robot_velocity_m_s']:>8.1f}{walks:>15}")
 
 # %%
-last = f"gat_0_{config['search']['generations'] - 1}_mean.json"
-theta = runs.read_policy(folder / "policies" / last)
+kept = [
+    "{method}_{iteration}_{generation}_{candidate}".format(**row)
+    for row in rows if row["candidate"] in ("best", "mean")
+]  # fmt: skip
+print(kept[-1])
+theta = runs.read_policy(folder / "policies" / f"{kept[-1]}.json")
 for parameter, value in zip(PARAMETERS, theta, strict=True):
     change = (value - parameter.theta0) / parameter.step
     print(

@@ -68,6 +68,7 @@ def test_a_search_goes_on_in_its_own_folder_only(found, tmp_path, capsys):
         (["--world", str(world)], "world = None, now it is '"),
         (["--policy", str(tmp_path / "start.json")], "policy."),
         (["--seed", "1"], "seed = 0, now it is 1"),
+        (["--backend", "mjx", "--impl", "jax"], "backend = 'native', now it is 'mjx'"),
         (["--rate-hz", "100"], "rate_hz = 50.0, now it is 100.0"),
         (["--population", "6"], "search.population = 4, now it is 6"),
         (["--rollouts", "2"], "search.rollouts = 1, now it is 2"),

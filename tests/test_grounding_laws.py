@@ -227,6 +227,26 @@ def test_the_network_learns_angles_on_the_circle():
     assert np.sqrt(np.mean(error**2)) == pytest.approx(fit.validation_rmse, rel=1e-3)
 
 
+def test_an_input_that_never_moved_tells_nothing_when_it_does():
+    rng = np.random.default_rng(0)
+    inputs = rng.uniform(-0.5, 0.5, (600, 3))
+    inputs[:, 2] = 0.3
+    angle = np.sin(4.0 * inputs[:, :1]) ** 2 + inputs[:, 1:2]
+    network, fit = train(inputs, angle, np.arange(600) > 500, seed=0)
+    away = inputs + np.array([0.0, 0.0, 5e-3])
+    assert fit.validation_rmse < 0.5 * fit.linear_rmse
+    for row, other in zip(inputs[::100], away[::100], strict=True):
+        np.testing.assert_array_equal(predict(network, row), predict(network, other))
+
+
+def test_few_samples_train_the_layers_as_well():
+    rng = np.random.default_rng(1)
+    inputs = rng.uniform(-0.5, 0.5, (150, 2))
+    angle = np.sin(4.0 * inputs[:, :1]) ** 2
+    _, fit = train(inputs, angle, np.arange(150) > 110, seed=0)
+    assert fit.validation_rmse < 0.7 * fit.linear_rmse
+
+
 def test_forward_model_integrates_the_acceleration(world, logs):
     runs = to_arrays(logs["late"], WALKING_JOINTS)
     grounding = learn_grounding(world, "guided", logs["late"], logs["simulator"], 0)

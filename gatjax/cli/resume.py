@@ -62,7 +62,7 @@ def _flat(settings: LoopSettings) -> dict[str, Any]:
     return tree | tree.pop("search")
 
 
-def open_search(verb: Search, settings: SearchSettings, theta: np.ndarray) -> None:
+def open_search(verb: Search, chosen: LoopSettings, theta: np.ndarray) -> None:
     """Write what a search is into its folder; refuse a folder of another search.
 
     Generations are left out of the comparison: asking for more is how a search goes on.
@@ -79,8 +79,10 @@ def open_search(verb: Search, settings: SearchSettings, theta: np.ndarray) -> No
         },
         "seed": verb.seed,
         "rate_hz": verb.rate_hz,
-        "model": verb.model,
-        "search": dataclasses.asdict(settings),
+        "model": chosen.model,
+        "backend": chosen.backend,
+        "impl": chosen.impl,
+        "search": dataclasses.asdict(chosen.search),
     }
     file = verb.out / "config.json"
     done = checkpoints.latest(verb.out / "checkpoints" / "search_0")
@@ -95,7 +97,7 @@ def open_search(verb: Search, settings: SearchSettings, theta: np.ndarray) -> No
             f"{verb.out}: holds a search without config.json, of an unknown world; "
             f"choose another --out"
         )
-    if done is not None and done + 1 > settings.generations:
+    if done is not None and done + 1 > chosen.search.generations:
         raise ValueError(
             f"{verb.out}: has {done + 1} generations already; ask for as many or more, "
             f"or choose another --out"

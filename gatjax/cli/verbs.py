@@ -186,7 +186,7 @@ def search(verb: verbs.Search) -> None:
     check_walker(world.model, str(world.source))
     key, theta = jax.random.key(verb.seed), policy_of(verb.policy)
     runs.make_folder(verb.out)
-    open_search(verb, settings, theta)
+    open_search(verb, chosen, theta)
     keys = jax.random.split(key)
     job = loop.Job(verb.out, "search", 0, world, theta, *keys)
     units = settings.walks * settings.generations

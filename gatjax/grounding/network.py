@@ -21,7 +21,9 @@ Array = Any
 HIDDEN = (200, 180)
 RIDGE = 1e-3  # of standardised inputs, per sample
 BATCH, EPOCHS, PATIENCE = 256, 80, 8
+LEAST_STEPS = 8  # of an epoch: few samples are gone over several times
 LEARNING_RATE = 2e-3
+LEAST = 1e-4  # rad (unit of an input), deviation of one that tells something
 
 
 class Network(NamedTuple):
@@ -91,7 +93,8 @@ def _circle(angle: Array) -> Array:
 
 def _start(inputs: Array, target: Array, seed: int) -> Network:
     """Standardise, solve the linear part, draw the layers; the last one starts at 0."""
-    mean, scale = inputs.mean(0), np.maximum(inputs.std(0), 1e-6)
+    mean, scale = inputs.mean(0), inputs.std(0)
+    scale = np.where(scale < LEAST, np.inf, scale)  # else a joint at rest shouts later
     out_mean, out_scale = target.mean(0), np.maximum(target.std(0), 1e-6)
     z, y = (inputs - mean) / scale, (target - out_mean) / out_scale
     gram = z.T @ z + RIDGE * len(z) * np.eye(z.shape[1])
@@ -109,6 +112,13 @@ def _start(inputs: Array, target: Array, seed: int) -> Network:
     )  # fmt: skip
 
 
+def _batches(samples: int) -> tuple[int, int, int]:
+    """Number of batches, their size, and how often an epoch goes over them."""
+    size = min(BATCH, samples)
+    count = samples // size
+    return count, size, -(-LEAST_STEPS // count)
+
+
 def _epoch(optimiser: optax.GradientTransformation, fixed: Network):
     """Return one jitted pass over shuffled minibatches, training the layers only."""
 
@@ -120,8 +130,8 @@ def _epoch(optimiser: optax.GradientTransformation, fixed: Network):
     @jax.jit
     def run(layers: tuple, state: Any, inputs: Array, target: Array, key: Array):
         order = jax.random.permutation(key, len(inputs))
-        count = len(inputs) // BATCH
-        order = order[: count * BATCH].reshape(count, BATCH)
+        count, size, passes = _batches(len(inputs))
+        batches = jnp.tile(order[: count * size].reshape(count, size), (passes, 1))
 
         def step(carry: tuple, chosen: Array) -> tuple:
             layers, state = carry
@@ -129,7 +139,7 @@ def _epoch(optimiser: optax.GradientTransformation, fixed: Network):
             updates, state = optimiser.update(gradient, state)
             return (optax.apply_updates(layers, updates), state), None
 
-        return jax.lax.scan(step, (layers, state), order)[0]
+        return jax.lax.scan(step, (layers, state), batches)[0]
 
     return run, jax.jit(loss)
 
@@ -172,7 +182,8 @@ def regress(
     )
     data = [jnp.asarray(array, jnp.float32) for array in (inputs, target)]
     (train_x, test_x), (train_y, test_y) = ((d[fit], d[test]) for d in data)
-    steps = max(1, len(train_x) // BATCH) * EPOCHS
+    count, _, passes = _batches(len(train_x))
+    steps = count * passes * EPOCHS
     optimiser = optax.adam(optax.cosine_decay_schedule(LEARNING_RATE, steps))
     run, loss = _epoch(optimiser, network)
     layers = (network.weights, network.biases)
