@@ -14,6 +14,7 @@ from gatjax.diagnosis.bank import CAUSES
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.extend import (
     calibration,
+    claimed,
     effects,
     extended,
     neutral,
@@ -399,3 +400,16 @@ def test_causes_act_in_the_order_of_the_simulated_joint(tmp_path: Path) -> None:
     assert [row["cause"] for row in world.causes][:1] == ["payload"]
     assert len(world.causes) == 2 + 8 + 3
     assert sum(row.get("role") == "calibration" for row in world.causes) == 3
+
+
+def test_two_asymmetric_frictions_are_one(tmp_path: Path) -> None:
+    """Known 0.4 forwards, found 0.3 less: 0.1 forwards, and nothing backwards."""
+    world = arm(tmp_path)
+    one = {"torque": 0.1, "viscous": 0.4}
+    world = add_cause(world, "asymmetric_friction", ["lift", "turn"], one)
+    found = [{"cause": "asymmetric_friction", "where": ["lift"],
+              "values": {"torque": 0.05, "viscous": -0.3}}]  # fmt: skip
+    rows = claimed(judged(STRONG), [], world, found).causes
+    both = {row["where"][0]: row["values"] for row in rows}
+    assert both["lift"] == pytest.approx({"torque": 0.15, "viscous": 0.1})
+    assert both["turn"] == pytest.approx(one)

@@ -5,6 +5,7 @@ import pytest
 
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import ahead, chance, measure
+from gatjax.diagnosis.noise import noise_of
 from gatjax.sim.world import add_cause, nominal
 from gatjax.task import Task
 
@@ -82,3 +83,41 @@ def test_the_first_second_of_a_log_that_starts_in_motion_does_not_count():
     moving = still._replace(angle=COMMAND)
     errors = measure.log_errors([still, moving], {"one": [still.angle, COMMAND]})["one"]
     assert len(errors.block) == 2 * len(TIME) - 101
+
+
+@pytest.mark.parametrize("rate", [1.0, 0.99])
+def test_commands_of_another_rate_are_as_late_as_they_were(tmp_path, rate):
+    """A perfect world follows a log at 99 Hz though it ticks at 100."""
+    path = tmp_path / "arm.xml"
+    path.write_text(MODEL)
+    fine = nominal(Task(control_period=1e-3), path)
+    stamps = PERIOD / rate * np.arange(300)
+    every = 1e-3 * np.arange(int(1e3 * stamps[-1]))
+    told = 0.6 * np.sin(5.0 * stamps)[:, None]
+    held = told[np.searchsorted(stamps, every + 1e-9, side="right") - 1]
+    (angle,) = measure.whole_log(fine, [JointRun(0, every, held, 0.0 * held)])
+    seen = np.interp(stamps, every, angle[:, 0])[:, None]
+    run = JointRun(0, stamps, told, seen)
+    (found,) = measure.whole_log(nominal(Task(control_period=PERIOD), path), [run])
+    assert np.abs(found - seen)[:-2].max() < 4e-3
+
+
+def test_a_speed_is_taken_over_a_time_and_not_over_rows():
+    draw = np.random.default_rng(0)
+    assert [measure.back(1.0 / rate) for rate in (50, 100, 1000)] == [6, 6, 60]
+    time = 1e-3 * np.arange(400)
+    still = JointRun(0, time, np.zeros((400, 1)), 5e-4 * draw.normal(size=(400, 1)))
+    found = [measure.speed(still, slice(k, k + measure.back(1e-3)), k)
+             for k in range(0, 300, 60)]  # fmt: skip
+    assert np.abs(found).max() < 0.05
+
+
+@pytest.mark.parametrize("rate", [20.0, 30.0, 50.0, 200.0])
+def test_noise_is_told_from_motion_at_any_rate(rate):
+    """A sweep to 1.5 Hz: third differences of 20 rows a second tell mostly that."""
+    draw = np.random.default_rng(0)
+    time = np.arange(0.0, 16.0, 1.0 / rate)
+    angle = 0.5 * np.sin(2.0 * np.pi * (0.2 + 0.04 * time) * time)
+    seen = angle + 3e-4 * draw.normal(size=len(time))
+    run = JointRun(0, time, angle[:, None], seen[:, None])
+    assert 2e-4 < noise_of([run])[0] < 4.5e-4

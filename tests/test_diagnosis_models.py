@@ -17,13 +17,14 @@ from gatjax.data import sampling
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import loads
-from gatjax.diagnosis.assembly import build
+from gatjax.diagnosis.assembly import build, nominal_drive
 from gatjax.diagnosis.case import held, unfitted
 from gatjax.diagnosis.given import control_period
 from gatjax.diagnosis.motion import Motion
 from gatjax.diagnosis.suitable import check_replay
 from gatjax.diagnosis.tolerances import USUAL
-from gatjax.sim.episode import coupled, coupled_speed
+from gatjax.effects.gear import GIVE as TEETH
+from gatjax.sim.episode import coupled, coupled_speed, ties
 from gatjax.sim.limbs import put_down
 from gatjax.sim.world import dividing
 
@@ -151,7 +152,7 @@ def test_a_simulation_that_gave_up_is_told_from_one_at_rest() -> None:
     ("old", "new", "said"),
     [
         ('kv="1" ', 'kv="1" gear="3" ', "'arm' has a gear"),
-        ('"-6 6"', '"-6 4"', "'arm' has a forcerange that is not symmetric"),
+        ('"-6 6"', '"-6 4"', "'arm' has a torque limit (forcerange, or act"),
         ('"left" axis="0 0 1"', '"left" type="slide"', "'left' drives no hinge"),
         ("<equality>", '<equality><connect body1="a" anchor="0 0 0"/>', "closes a"),
         ("0.1 -1 0 0 0", "0.1 -1 0.2 0 0", "'right' follows another one by a curve"),
@@ -378,3 +379,78 @@ def test_period_of_logs_at_another_rate_does_not_run_away() -> None:
     odd = 1.0 / 60.3  # stamps in whole ms: 17 more often than 16
     run = run._replace(time=np.round(odd * np.arange(3000), 3))
     assert abs(control_period([run]) - odd) * 3000 < 0.1 * odd
+
+
+@pytest.mark.parametrize("rate", [49.5, 98.5, 50.1])
+def test_a_rate_near_a_usual_one_is_not_that(rate: float) -> None:
+    """Its last row would come ticks off."""
+    run = JointRun(0, np.arange(600) / rate, np.zeros((600, 1)), np.zeros((600, 1)))
+    assert control_period([run]) == pytest.approx(1.0 / rate, rel=1e-9)
+
+
+def test_files_of_nearly_one_rate(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    """Half a second ahead would be 15 ms off."""
+    (tmp_path / "robot.xml").write_text(PLAIN)
+    logged(mujoco.MjModel.from_xml_string(PLAIN), tmp_path / "a.parquet", 1, 6.0)
+    table = parquet.read_table(tmp_path / "a.parquet")
+    time = pa.array(1.03 * table["time"].to_numpy())
+    parquet.write_table(table.set_column(0, "time", time), tmp_path / "b.parquet")
+    command = ["diagnose", "--model", str(tmp_path / "robot.xml"), "--data"]
+    files = [str(tmp_path / "a.parquet"), "--held-out", str(tmp_path / "b.parquet")]
+    assert main([*command, *files, "--out", str(tmp_path / "o")]) != 0
+    assert "diagnose files of one rate together" in capsys.readouterr().err
+
+
+def test_of_a_tie_who_is_driven_leads_whoever_is_written_first() -> None:
+    """right - 0 = 0.1 - left, said the other way round."""
+    line = 'joint1="left" joint2="right" polycoef="0.1 -1 0 0 0"'
+    other = PLAIN.replace('joint1="right" joint2="left" polycoef="0.1 -1 0 0 0"', line)
+    models = [mujoco.MjModel.from_xml_string(text) for text in (PLAIN, other)]
+    for followers, leaders, lines in map(ties, models):
+        assert (followers.tolist(), leaders.tolist()) == ([2], [1])
+        np.testing.assert_allclose(lines, [[0.1, -1.0, 0.0, 0.0, 0.0]])
+    time = 0.01 * np.arange(50)
+    angle = np.stack([np.sin(time), 0.3 * time], 1)
+    motion = Motion(time, angle, np.gradient(angle, 0.01, axis=0), 0.0 * angle)
+    trees = [loads.Tree(model, model.actuator_trnid[:, 0]) for model in models]
+    for part in ("rest", "inertia"):
+        one, two = (getattr(tree.loads(motion), part) for tree in trees)
+        np.testing.assert_allclose(one, two, rtol=0, atol=1e-12)
+    both = [put_down(model, np.array([0.2, 0.3])) for model in models]
+    np.testing.assert_allclose(both[0], [0.2, 0.3, -0.2], atol=1e-12)
+    np.testing.assert_allclose(both[1], both[0], atol=1e-12)
+
+
+def test_a_joint_that_stays_where_the_model_says_is_no_error(tmp_path: Path) -> None:
+    """A balanced pan that is told 0 and reads 0 throughout."""
+    pan = PLAIN.replace('gravcomp="1"', "").replace("0 0.02 0", "0.2 0 0")
+    model = mujoco.MjModel.from_xml_string(pan)
+    (tmp_path / "robot.xml").write_text(pan)
+    logged(model, tmp_path / "fit.parquet", 1, 6.0)
+    table = parquet.read_table(tmp_path / "fit.parquet")
+    still = pa.array(np.zeros(len(table)))
+    for name in ("command.left", "position.left"):
+        table = table.set_column(table.column_names.index(name), name, still)
+    parquet.write_table(table, tmp_path / "fit.parquet")
+    command = ["diagnose", "--model", str(tmp_path / "robot.xml"), "--data"]
+    out = tmp_path / "out"
+    assert (
+        main([*command, str(tmp_path / "fit.parquet"), "--out", str(out), "--debug"])
+        == 0
+    )
+    text = (out / "diagnosis.json").read_text()
+    assert "NaN" not in text
+    told = {joint["name"]: joint for joint in json.loads(text)["joints"]}
+    assert told["left"]["beyond_tolerance"] == 0.0
+
+
+def test_teeth_are_those_of_the_simulation() -> None:
+    strong = PLAIN.replace('forcerange="-6 6"', 'forcerange="-90 90"')
+    model = mujoco.MjModel.from_xml_string(strong)
+    model.actuator_forcerange[1] = -np.inf, np.inf
+    tree = loads.Tree(model, model.actuator_trnid[:, 0])
+    limited, free = (nominal_drive(model, tree, k)["stiffness"] for k in (0, 1))
+    assert limited == pytest.approx(90.0 / TEETH)
+    assert free == pytest.approx(1e5)

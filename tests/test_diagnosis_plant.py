@@ -290,3 +290,20 @@ def test_a_drawn_joint_reads_as_measured_whatever_its_encoder_and_its_clock_do()
     for odd in ({}, {"zero_out": 0.1, "scale": 1.1}, {"late": 0.04, "drift": 0.02}):
         late = slice(20, None)
         assert seen(one, **odd)[late] == pytest.approx(measured[late], abs=0.012)
+
+
+def test_a_motor_that_is_driven_beyond_its_speed_brakes():
+    """With a no-load speed of 2 rad/s, at 4 and more with its full torque."""
+    p = laws.Drive(*np.zeros(len(laws.Drive._fields)))._replace(
+        kp=1.0, limit=0.5, speed=2.0, scale=1.0, rate=1e3, hold=1.0
+    )
+    grid = joint(step_up).grid._replace(
+        stiffness=jnp.ones(1), supply=jnp.ones(1), running=jnp.ones(1)
+    )
+    s = laws.Servo(*(jnp.zeros((1, 1)) for _ in range(4)))
+    for speed, least, most in ((1.0, -0.5, 0.25), (3.0, -0.5, -0.25), (6.0, -0.5, -0.5),
+                               (-6.0, 0.5, 0.5)):  # fmt: skip
+        _, push = laws.servo(p, grid, jnp.zeros((1, 1)), s, jnp.zeros((1, 1)),
+                             jnp.full((1, 1), speed), 1e-3)  # fmt: skip
+        assert float(push.low[0, 0]) == pytest.approx(least)
+        assert float(push.high[0, 0]) == pytest.approx(most)

@@ -56,13 +56,17 @@ def test_each_law_is_proposed_once_and_eight_at_most(descent):
 
 
 def test_stiction_fades_within_the_motion_of_its_joint():
-    """At a top speed of 2 rad/s it has faded at 0.6, at 30 and 0 at its bounds."""
+    """At a top speed of 2 rad/s at 0.6, at 30 at its bound; a joint at rest has none."""
     elbow = joint(wave)
     time = np.asarray(elbow.grid.clock)
-    for top, most in ((2.0, 0.6), (30.0, 3.0), (0.0, 0.01)):
+    for top, most in ((2.0, 0.6), (30.0, 3.0), (0.0, None)):
         path = top / (2 * np.pi) * np.sin(2 * np.pi * time)
         moving = elbow._replace(grid=elbow.grid._replace(path=path))
-        (stiction,) = (h for h in of_drive(moving, CAUSES) if h.cause == "stiction")
+        found = [h for h in of_drive(moving, CAUSES) if h.cause == "stiction"]
+        assert len(found) == (most is not None)
+        if not found:
+            continue
+        (stiction,) = found
         assert np.exp(stiction.high[1]) == pytest.approx(most, rel=0.01)
         fastest = max(speed for _, speed in stiction.starts)
         assert fastest <= stiction.high[1] and len(stiction.starts) >= 4

@@ -282,3 +282,28 @@ def test_how_close_is_close_enough_is_said_like_a_noise(tmp_path):
     )
     assert tight < 1e-3
     assert wide == pytest.approx(np.hypot(tight, 0.01))
+
+
+def test_an_order_that_the_simulated_joint_has_not_is_refused(tmp_path):
+    band, inside = ("dead_band", {"half_width": 0.03}), ("encoder_offset", {
+        "offset": 0.05, "in_loop": 1.0})  # fmt: skip
+    written(tmp_path / "w.json", inside, band)
+    assert len(read_start(tmp_path / "w.json").rows) == 2
+    written(tmp_path / "w.json", band, ("encoder_offset", 0.05))  # of the log only
+    assert len(read_start(tmp_path / "w.json").rows) == 2
+    written(tmp_path / "w.json", band, inside)
+    with pytest.raises(ValueError, match="dead_band stands before encoder_offset"):
+        read_start(tmp_path / "w.json")
+
+
+def test_stiction_of_a_joint_too_slow_to_show_it_is_not_looked_for(tmp_path):
+    written(tmp_path / "w.json")
+    start = read_start(tmp_path / "w.json")
+    model = start.model()
+    files = Logs([logged(start.world(PERIOD), "fit", 0)], [])
+    logs = given(start, files, 0).logs
+    base = held(model, logs, 0, assumed=start.joints(model))
+    (joint,) = unfitted(base, logs).joints
+    assert "stiction" in {each.cause for each in of_drive(joint, CAUSES)}
+    still = joint._replace(grid=joint.grid._replace(path=0.0 * joint.grid.path))
+    assert "stiction" not in {each.cause for each in of_drive(still, CAUSES)}

@@ -32,6 +32,7 @@ from gatjax.data.trajectories import check_logged
 from gatjax.diagnosis.diagnose import diagnose
 from gatjax.diagnosis.excerpt import shortened
 from gatjax.diagnosis.given import Logs
+from gatjax.diagnosis.measure import mean_period
 from gatjax.diagnosis.start import Start, read_start
 from gatjax.diagnosis.suitable import (
     cautions,
@@ -47,7 +48,7 @@ from gatjax.sim.limbs import floats
 
 WRITTEN = ("extended.xml", "signals.parquet", "tolerances.json", "world.json")
 FIRST = "signals.parquet"  # a diagnosis writes it before its other files
-SAME_RATE = 1.05  # longest over shortest median period of the files
+SAME_RATE = 1.005  # longest over shortest mean period of the files
 
 
 def read_given(verb: Diagnose) -> tuple[Start, Logs, Tolerances]:
@@ -171,10 +172,9 @@ def _check_rates(logs: Sequence[Recording]) -> None:
 
 
 def _period(log: Recording) -> float:
-    """Median time from row to row of a trajectory, s; the file may mix several."""
+    """Mean time from row to row of a trajectory, s; the file may mix several."""
     runs = np.unique(log.trajectory)
-    steps = [np.diff(log.time[log.trajectory == run]) for run in runs]
-    return float(np.median(np.concatenate(steps)))
+    return mean_period([log.time[log.trajectory == run] for run in runs])
 
 
 def explain(verb: Diagnose, start: Start, logs: Logs, allowed: Tolerances) -> None:

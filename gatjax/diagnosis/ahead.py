@@ -8,13 +8,18 @@ import numpy as np
 
 from gatjax.data.trajectories import GAP, JointRun
 from gatjax.diagnosis import chance
-from gatjax.diagnosis.measure import APART, BACK, BLOCK, Errors, speed, started
+from gatjax.diagnosis.measure import APART, BLOCK, Errors, back, speed, started
 from gatjax.sim.native import Native
 from gatjax.sim.world import World, stiffened
 
 HORIZONS = (0.5, 0.1, 0.0)  # s ahead of a measured state; 0: one step
 STRIDE = 0.1  # s between two windows
 WARM = 0.12  # s of a window that only fills the effects' memories
+
+
+def warming(period: float) -> int:
+    """Rows of a window up to its start."""
+    return round(WARM / period) + back(period)
 
 
 class Windows(NamedTuple):
@@ -35,14 +40,14 @@ def windows(runs: list[JointRun], period: float) -> Windows | None:
 
     None of them lacks a row.
     """
-    warm, length = round(WARM / period) + BACK, round(0.5 / period)
+    warm, length = warming(period), round(0.5 / period)
     stride, rows = max(1, round(STRIDE / period)), []
     for number, run in enumerate(runs):
         for first in range(0, len(run.time) - warm - length, stride):
             part = slice(first, first + warm + length)
             if np.diff(run.time[part]).max() > (1.0 + GAP) * period:
                 continue  # rows are missing
-            past = slice(first + warm - BACK, first + warm)
+            past = slice(first + warm - back(period), first + warm)
             slope = speed(run, past, first + warm - 1)
             block = number * APART + int(run.time[first] / BLOCK)
             series = run.command[part], run.angle[part], run.stiff[part]
@@ -60,7 +65,7 @@ def windowed(world: World, cut: Windows, period: float) -> np.ndarray:
     The joints start where the world's encoders report what was measured, at the time
     at which its clock says that it was.
     """
-    warm, rate = round(WARM / period) + BACK, _rate(world)
+    warm, rate = warming(period), _rate(world)
     # Row t holds the angle when command t comes into force: command warm - 1 acts
     # from the start on.
     commands, stiff = _in_force(cut, rate, period)
@@ -94,7 +99,7 @@ def _in_force(
     """
     if rate == 1.0:
         return cut.command[:, :-1], cut.stiffness[:, :-1]
-    warm, length = round(WARM / period) + BACK, cut.command.shape[1]
+    warm, length = warming(period), cut.command.shape[1]
     more = int(np.ceil(max(0.0, rate - 1.0) * (length - warm)))
     ahead = period * (np.arange(length - 1 + more) - (warm - 1))
     rows = []
@@ -113,7 +118,7 @@ def window_errors(
     cut: Windows, predicted: np.ndarray, horizon: float, period: float
 ) -> Errors:
     """Errors at the end of a horizon."""
-    warm = round(WARM / period) + BACK
+    warm = warming(period)
     row = max(1, round(horizon / period)) - 1
     error = predicted[:, row] - cut.angle[:, warm + row]
     return Errors(np.square(error), cut.block)

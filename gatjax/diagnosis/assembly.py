@@ -24,10 +24,13 @@ from gatjax.diagnosis.joint import (
     observed,
 )
 from gatjax.diagnosis.tolerances import USUAL, Tolerances
+from gatjax.effects.gear import GIVE as TEETH
 
 TRANSPORT = 0.0012  # s, nominal way of a command to the servo
 CREEP = 0.06  # rad/s, speed at which stiction has faded
 UNLIMITED = 1e5  # N m: a limit of that size is none
+HARD = 1e5  # N m/rad, of teeth of a motor without a limit
+BORNE = 1e-3  # rad of error that a drive without a limit bears at least
 GIVE = 3e-4  # rad, that dry friction yields before it slips
 SLOW = frozenset({"clock_drift", "thermal_derating"})  # not to be seen in pieces
 CAUGHT = 0.5  # s until a drawn joint has made up for a start that is as measured
@@ -36,7 +39,8 @@ CAUGHT = 0.5  # s until a drawn joint has made up for a start that is as measure
 def nominal_drive(model: mujoco.MjModel, tree: weights.Tree, index: int) -> dict:
     """Numbers of a drive and its joint as the model file gives them."""
     moves = tree.moves[:, index]
-    limit = float(np.abs(model.actuator_forcerange[index]).min())
+    limited = bool(model.actuator_forcelimited[index])
+    limit = float(np.abs(model.actuator_forcerange[index]).min()) if limited else np.inf
     gravity = dict(zip(GRAVITY, map(float, model.opt.gravity), strict=True))
     servoed = bool(model.actuator_biasprm[index, 1] != 0.0)
     return gravity | ({} if servoed else observed(OBSERVED)) | {
@@ -48,7 +52,7 @@ def nominal_drive(model: mujoco.MjModel, tree: weights.Tree, index: int) -> dict
         "armature": float(np.square(moves) @ model.dof_armature),
         "delay": TRANSPORT, "creep": CREEP, "give": GIVE,
         "rate": 1e3 if servoed else 1e9, "speed": 1e6, "scale": 1.0,
-        "cooling": 20.0, "stiffness": 1e3, "ratio": 0.2,
+        "cooling": 20.0, "stiffness": min(limit / TEETH, HARD), "ratio": 0.2,
     }  # fmt: skip
 
 
@@ -62,7 +66,7 @@ def _asked(
     if not drive["hold"]:
         fastest = max(float(np.abs(m.velocity[:, index]).max()) for m in moved)
         most = max(most + drive["kv"] * fastest, drive["kp"])  # one unit at least
-    return 1.5 * most
+    return 1.5 * max(most, drive["kp"] * BORNE)
 
 
 def supply_load(

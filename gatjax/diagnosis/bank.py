@@ -311,6 +311,7 @@ def of_drive(joint: Joint, bank: tuple[Hypothesis, ...]) -> tuple[Hypothesis, ..
         _of_joint(each, joint)
         for each in bank
         if not {each.cause, each.name} & barred
+        and not (each.cause == "stiction" and _never_fades(each, joint))
         and (each.variant != LESS or joint.nominal[each.imitator])
     )
 
@@ -322,6 +323,11 @@ def _of_joint(each: Hypothesis, joint: Joint) -> Hypothesis:
     if each.cause == "encoder_offset" and not joint.servoed:
         return each._replace(variant="")  # there is no loop that could see it
     return each
+
+
+def _never_fades(stiction: Hypothesis, joint: Joint) -> bool:
+    """Whether a joint is too slow for any stiction to fade."""
+    return bool(FADED * joint.fastest <= np.exp(stiction.low[1]))
 
 
 def _fading(stiction: Hypothesis, joint: Joint) -> Hypothesis:

@@ -14,9 +14,12 @@ from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, TOLERANCES, numbers
 from gatjax.diagnosis.joint import Joint
 from gatjax.diagnosis.judge import Judge
+from gatjax.diagnosis.start import turn
 from gatjax.diagnosis.tolerances import USUAL
 from gatjax.diagnosis.verdict import Verdict
 from gatjax.effects.catalogue import CATALOGUE
+from gatjax.robot.model import joint_names
+from gatjax.sim import causes
 from gatjax.sim import world as worlds
 from gatjax.sim.world import World
 
@@ -27,13 +30,6 @@ OWN = {  # fields of a driven joint alone; others may be tied to it
     "armature": "dof_armature", "coulomb_friction": "dof_frictionloss",
     "viscous_friction": "dof_damping",
 }  # fmt: skip
-CHAIN = (
-    "command_delay", "command_quantization", "first_order_lag", "thermal_derating",
-    "supply_sag", "speed_limit", "encoder_offset", "encoder_scale", "dead_band",
-    "torque_saturation", "torque_ripple", "stiction", "asymmetric_friction",
-    "load_friction",
-)  # fmt: skip
-"""Causes from the command to the joint, in the order in which `plant` has them."""
 Row = dict[str, Any]
 
 
@@ -236,11 +232,34 @@ def claimed(
         for claim in claims
         for name, where, values in effects(judge, claim)
     ]
-    every = sorted([*world.causes, *found, *rows], key=_turn)
+    every = _merged([*world.causes, *found, *rows], joint_names(world.model))
+    every.sort(key=turn)
     bare = worlds.nominal(world.task, world.source, world.model.opt.timestep)
     return worlds.add_rows(bare, every)
 
 
-def _turn(row: Row) -> int:
-    """When a cause acts on the way from the command to the joint."""
-    return CHAIN.index(row["cause"]) if row["cause"] in CHAIN else -1
+def _merged(rows: list[Row], names: Sequence[str]) -> list[Row]:
+    """Rows with one asymmetric friction a joint: of two the viscous parts add up.
+
+    By themselves a positive and a negative one would each damp a direction.
+    """
+    cause = "asymmetric_friction"
+    own = [
+        (row["where"], causes.completed(row)) for row in rows if row["cause"] == cause
+    ]
+    if len(own) < 2:
+        return rows
+    groups: dict[tuple[float, float], list[str]] = {}
+    for name in names:
+        here = [values for where, values in own if {name, "all"} & {*where}]
+        total = sum(v["torque"] for v in here), sum(v["viscous"] for v in here)
+        if any(total):
+            groups.setdefault(total, []).append(name)
+    return [row for row in rows if row["cause"] != cause] + [
+        {
+            "cause": cause,
+            "where": where,
+            "values": {"torque": torque, "viscous": viscous},
+        }
+        for (torque, viscous), where in groups.items()
+    ]

@@ -15,13 +15,14 @@ from gatjax.diagnosis.excerpt import excerpt
 from gatjax.diagnosis.floor import channels, standing
 from gatjax.diagnosis.floor.judge import StandingJudge
 from gatjax.diagnosis.judge import Judge
+from gatjax.diagnosis.measure import STRAY, mean_period
 from gatjax.diagnosis.start import Start
 from gatjax.diagnosis.tolerances import Tolerances
 from gatjax.robot import model as robot_model
 from gatjax.sim.limbs import floats
 
 Tell = Callable[[str, float], None]
-RATES = (50.0, 250.0 / 3.0, 100.0)  # Hz, of control
+LOLA = 250.0 / 3.0  # Hz
 
 
 def cut(recordings: list[Recording], joints: tuple[str, ...]) -> list[JointRun]:
@@ -30,14 +31,16 @@ def cut(recordings: list[Recording], joints: tuple[str, ...]) -> list[JointRun]:
 
 
 def control_period(runs: list[JointRun]) -> float:
-    """Mean period of the logs, s, gaps apart; of whole Hz or a usual rate if near."""
-    steps = np.concatenate([np.diff(run.time) for run in runs])
-    ticks = np.maximum(np.round(steps / np.median(steps)), 1.0)
-    period = float(steps.sum() / ticks.sum())
-    whole = float(round(1.0 / period))
-    if abs(whole * period - 1.0) < 0.001:
-        return 1.0 / whole
-    return next((1.0 / r for r in RATES if abs(r * period - 1.0) < 0.02), period)
+    """Mean period of the logs, s, gaps apart.
+
+    It is that of whole Hz, or of LoLA, if no run shows a difference: its last row would
+    come less than a quarter of a tick off.
+    """
+    period = mean_period([run.time for run in runs])
+    longest = max(run.time[-1] - run.time[0] for run in runs) / period
+    usual = (float(round(1.0 / period)), LOLA)
+    near = (r for r in usual if r and abs(r * period - 1.0) * longest < STRAY)
+    return next((1.0 / r for r in near), period)
 
 
 class Logs(NamedTuple):

@@ -144,8 +144,8 @@ def servo(
     most = p.limit * left * (stiffness > 0.0)  # without power no back EMF either
     driven = error + p.skew * jnp.abs(error) + integral
     gain = p.kp * stiffness * left * driven
-    low = -most * jnp.clip(1.0 + speed / p.speed, 0.0, 1.0)
-    high = most * jnp.clip(1.0 - speed / p.speed, 0.0, 1.0)
+    low = -most * jnp.clip(1.0 + speed / p.speed, -1.0, 1.0)
+    high = most * jnp.clip(1.0 - speed / p.speed, -1.0, 1.0)
     got = 1.0 / (1.0 + p.soft * jnp.abs(jnp.clip(gain - p.kv * speed, low, high)))
     push = Push(got * gain, got * p.kv, got * low, got * high)
     return Servo(lagged, held, s.heat, integral), push

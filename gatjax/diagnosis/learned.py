@@ -7,8 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gatjax.data.trajectories import JointRun
-from gatjax.diagnosis.ahead import WARM, Windows
-from gatjax.diagnosis.measure import BACK
+from gatjax.diagnosis.ahead import Windows, warming
 from gatjax.grounding.gat import learn_forward, next_angle
 from gatjax.grounding.network import Network
 from gatjax.grounding.transitions import HISTORY
@@ -18,7 +17,7 @@ PIECE = 2.0  # s of a piece of the fit data, for the learned model's early stopp
 
 def windows(forward: Network, cut: Windows, period: float) -> np.ndarray:
     """Angles that the network predicts for the windows."""
-    warm = round(WARM / period) + BACK
+    warm = warming(period)
     return _rolled(forward, cut.angle[:, :warm], cut.command, warm)
 
 

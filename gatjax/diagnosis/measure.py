@@ -26,7 +26,8 @@ from gatjax.sim.world import Values, World, stacked, stiffened
 
 UPRIGHT = 0.7  # least upward part of the torso's axis; below, a robot has fallen
 SETTLE = 0.5  # s at the first command before a log
-BACK = 6  # samples of the parabola that gives the velocity at a window's start
+BACK, LOOK = 6, 0.06  # samples, at least, and s of the parabola that gives a speed
+STRAY = 0.25  # of a tick that rows may come off it
 BRIEF = 1e-3  # s over which a joint's velocity is taken
 APART = 10_000  # blocks between two runs' numbers
 BLOCK = 1.0  # s that the bootstrap draws together
@@ -44,12 +45,37 @@ class Errors(NamedTuple):
         return np.sqrt(self.squared.mean(0))
 
 
+def mean_period(stamps: Sequence[np.ndarray]) -> float:
+    """Mean time from row to row of runs, s, gaps apart."""
+    steps = np.concatenate([np.diff(each) for each in stamps])
+    ticks = np.maximum(np.round(steps / np.median(steps)), 1.0)
+    return float(steps.sum() / ticks.sum())
+
+
 def ticked(run: JointRun, period: float) -> JointRun:
-    """What was in force at even ticks of a run; time from 0."""
+    """What was in force at even ticks of a run; time from 0.
+
+    Commands of a run at another rate come between ticks: of these the mean counts.
+    """
     stamps = run.time - run.time[0]
     even = np.arange(int(np.ceil(stamps[-1] / period - 1e-6)) + 1) * period
-    held = np.searchsorted(stamps, even + 0.25 * period, side="right") - 1
-    return run.part(np.maximum(held, 0))._replace(time=even)
+    held = np.searchsorted(stamps, even + STRAY * period, side="right") - 1
+    told, run = run.command, run.part(np.maximum(held, 0))._replace(time=even)
+    if abs(mean_period([stamps]) / period - 1.0) * len(stamps) < STRAY:
+        return run
+    return run._replace(command=_mean(stamps, told, even, period))
+
+
+def _mean(
+    stamps: np.ndarray, told: np.ndarray, even: np.ndarray, period: float
+) -> np.ndarray:
+    """Mean over each tick of commands [N, J] that hold from their stamps on."""
+    ends = np.append(stamps, even[-1] + 2.0 * period)
+    sums = np.cumsum(np.diff(ends)[:, None] * told, axis=0)
+    sums = np.concatenate([np.zeros((1, told.shape[1])), sums])
+    edges = np.append(even, even[-1] + period)
+    grown = np.stack([np.interp(edges, ends, column) for column in sums.T], -1)
+    return np.diff(grown, axis=0) / period
 
 
 def stretched(series: Sequence[np.ndarray], lead: int) -> np.ndarray:
@@ -102,7 +128,7 @@ def replayed(
     qvel = np.zeros((len(runs), world.model.nv))
     if not follows:
         angles = np.stack([run.angle[0] for run in runs])
-        speeds = np.stack([speed(run, slice(BACK), 0) for run in runs])
+        speeds = np.stack([speed(run, slice(back(period)), 0) for run in runs])
         qpos, qvel = started(world, Native(world), angles, speeds)
     drawn = _drawn(world, every, commands, qpos, qvel, stiff, lead)
     series = drawn.reading.angle, drawn.velocity, drawn.torque
@@ -141,6 +167,11 @@ def _drawn(
         world, every, each(commands), each(qpos), each(qvel), draw, stiff, lead
     )
     return jax.tree.map(lambda a: np.reshape(a, (*count, *np.shape(a)[1:])), played)
+
+
+def back(period: float) -> int:
+    """Rows that a speed is taken over."""
+    return max(BACK, round(LOOK / period))
 
 
 def speed(run: JointRun, rows: slice, at: int) -> np.ndarray:

@@ -7,6 +7,8 @@ import numpy as np
 from gatjax.data.trajectories import JointRun
 
 SPREAD = np.sqrt(20.0)  # of third differences of white noise, in its deviations
+SIXTH = np.sqrt(924.0)  # of sixth ones
+LEAKS = 0.7  # share that sixth ones find where motion leaks into third ones
 WHITE = 0.25  # correlation of third differences that reading noise does not reach
 CHANCE = 5.0  # deviations: nor this, of few rows
 APART = 4  # rows: third differences of white noise are uncorrelated from here on
@@ -33,15 +35,22 @@ def noise_of(runs: list[JointRun]) -> np.ndarray:
     """Standard deviation of the readings of each joint [J], rad; the mean over runs.
 
     Third differences of the calmest third of a run; a coarse encoder counts with its
-    rounding error, LSB / sqrt(12), also in a run in which the joint stands still.
+    rounding error, LSB / sqrt(12), also in a run in which the joint stands still. Of
+    few rows a second third differences tell the motion, too: sixth ones less of it.
     """
     levels = []
     for run in runs:
-        third = np.diff(run.angle, 3, axis=0) / SPREAD
-        count = len(third) // BLOCK
-        calm = third[: count * BLOCK].reshape(count, BLOCK, -1)
-        levels.append(np.sqrt(np.quantile(np.square(calm).mean(1), 0.3, axis=0)))
+        third, sixth = _level(run, 3, SPREAD), _level(run, 6, SIXTH)
+        levels.append(np.where(sixth < LEAKS * third, sixth, third))
     return np.mean(np.maximum(levels, np.maximum(_rounding(runs), 1e-5)), axis=0)
+
+
+def _level(run: JointRun, order: int, spread: float) -> np.ndarray:
+    """Noise [J], rad, that differences of an order tell where a run is calm."""
+    apart = np.diff(run.angle, order, axis=0) / spread
+    count = max(len(apart) // BLOCK, 1)
+    calm = apart[: count * BLOCK].reshape(count, -1, run.angle.shape[1])
+    return np.sqrt(np.quantile(np.square(calm).mean(1), 0.3, axis=0))
 
 
 def _rounding(runs: list[JointRun]) -> np.ndarray:

@@ -57,9 +57,13 @@ def interval(verdict: Verdict, claim: Claim, seed: int) -> dict[str, dict[str, A
         if (claim.lost or claim.stance) and name == entry.main.name:
             low_value, high_value = min(draws[name]), max(draws[name])
         if name == entry.main.name:
-            size = abs(entry.size(value))
-            low_value = min(low_value, value - MODEL_ERROR * size)
-            high_value = max(high_value, value + MODEL_ERROR * size)
+            error = MODEL_ERROR * abs(entry.size(value))
+            within = entry.main.low <= value <= entry.main.high
+            least, most = (
+                (entry.main.low, entry.main.high) if within else (-np.inf, np.inf)
+            )
+            low_value = min(low_value, max(value - error, least))
+            high_value = max(high_value, min(value + error, most))
         out[name] = {
             "value": value, "low": float(min(low_value, value)),
             "high": float(max(high_value, value)), "unit": units.get(name, "1"),
@@ -201,7 +205,7 @@ def joint_rows(verdict: Verdict) -> list[dict[str, Any]]:
                 "nominal_rms": float(np.sqrt(np.mean(np.square(nominal)))),
                 "tolerance_rms": healthy.rms(),
                 "extended_rms": known.rms(),
-                "beyond_tolerance": left / healthy.rms() ** 2,
+                "beyond_tolerance": left / max(healthy.rms() ** 2, 1e-30),
             }
         )
     return rows

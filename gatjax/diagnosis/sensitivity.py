@@ -170,7 +170,9 @@ def _nats(
     shift = fits.residuals(joint, both) - base.residual[:, None]
     told = base.slopes.T @ shift / fits.spread(joint) ** 2
     x = np.linalg.solve(base.information, told)
-    left = np.mean(np.square(shift - base.slopes @ x), axis=0) / base.rms() ** 2
+    left = np.mean(np.square(shift - base.slopes @ x), axis=0) / max(
+        base.rms() ** 2, 1e-30
+    )
     spent = np.square(x[:COUNT]).sum(0)
     return 0.5 * (fits.independent(joint) * np.log1p(left) + spent)
 

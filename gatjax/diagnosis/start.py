@@ -6,6 +6,7 @@ causes become numbers of the simulated joints, in place of neutral ones.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,6 +31,14 @@ ADDING = frozenset({
 })  # fmt: skip
 """Causes that may be there twice: what is found besides adds up with what is known."""
 
+CHAIN = (
+    "command_delay", "command_quantization", "first_order_lag", "thermal_derating",
+    "supply_sag", "speed_limit", "encoder_offset", "encoder_scale", "dead_band",
+    "torque_saturation", "torque_ripple", "stiction", "asymmetric_friction",
+    "load_friction",
+)  # fmt: skip
+"""Causes from the command to the joint, in the order in which `plant` has them."""
+
 _GEAR = {
     "sensed": "encoder_on_motor", "link_share": "link_share",
     "behind": "armature_share", "ratio": "damping_ratio",
@@ -53,6 +62,9 @@ NUMBERS = {
     "thermal_derating": {"cooling": "cooling"},
 }  # fmt: skip
 """Fields of `laws.Drive` and the parameters of the catalogue that they are."""
+
+
+COMMUTING = frozenset({"command_delay", "first_order_lag"})
 
 
 def numbers(cause: str, values: Numbers, limit: float) -> Numbers:
@@ -188,7 +200,30 @@ def started(world: World, file: Path) -> Start:
         if reason:
             raise ValueError(f"{file}: {cause} {reason}; leave it out")
         seen |= {(cause, place) for place in places}
+    _check_order(world, rows, file)
     return Start(world.source, rows, str(file))
+
+
+def turn(row: dict[str, Any]) -> int:
+    """When a cause acts on the way from the command to the joint; -1: anywhere."""
+    aside = row["values"].get("in_loop", 0.0) == 0.0  # of an encoder, told the log only
+    if row["cause"] not in CHAIN or (row["cause"].startswith("encoder") and aside):
+        return -1
+    return CHAIN.index(row["cause"])
+
+
+def _check_order(world: World, rows: Sequence[dict], file: Path) -> None:
+    """Refuse rows of a joint in another order than that of the simulated joint."""
+    for number, row in enumerate(rows):
+        for before in rows[:number]:
+            shared = {*_places(world, row)} & {*_places(world, before)}
+            late = turn(row) != -1 and turn(before) > turn(row)
+            if shared and late and not {row["cause"], before["cause"]} <= COMMUTING:
+                raise ValueError(
+                    f"{file}: {before['cause']} stands before {row['cause']}, and acts "
+                    f"before it; a diagnosis has causes of a joint in the order "
+                    f"{', '.join(CHAIN)}: put them in it if that is what you mean"
+                )
 
 
 def _places(world: World, row: dict[str, Any]) -> tuple[str, ...]:

@@ -122,10 +122,21 @@ def placed(model: Any, slots: Slots, drawn: Draw) -> tuple[Array, Array]:
 def ties(model: Any) -> tuple[Any, Any, Any]:
     """Joints that follow another: ids of followers and leaders, polynomials [E, 5].
 
-    follower - its qpos0 = polynomial(leader - its qpos0), MuJoCo's joint equality.
+    follower - its qpos0 = polynomial(leader - its qpos0), MuJoCo's joint equality. Of a
+    line either may be written first: who is driven alone leads.
     """
     tied = (model.eq_type == 2) & (model.eq_obj2id >= 0) & model.eq_active0.astype(bool)
-    return model.eq_obj1id[tied], model.eq_obj2id[tied], model.eq_data[tied, :5]
+    first, second = model.eq_obj1id[tied], model.eq_obj2id[tied]
+    one, other = (np.isin(ids, model.actuator_trnid[:, 0]) for ids in (first, second))
+    data = model.eq_data[tied, :5]
+    if not (one & ~other).any():
+        return first, second, data
+    data = np.array(data)
+    back = one & ~other & (data[:, 1] != 0.0) & ~data[:, 2:].any(axis=1)
+    data[back, :2] = (
+        np.stack([-data[back, 0], np.ones(back.sum())], 1) / data[back, 1:2]
+    )
+    return np.where(back, second, first), np.where(back, first, second), data
 
 
 def coupled(model: Any, qpos: Array) -> tuple[Any, Array]:
