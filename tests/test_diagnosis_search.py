@@ -56,7 +56,7 @@ def test_each_law_is_proposed_once_and_eight_at_most(descent):
 
 
 def test_stiction_fades_within_the_motion_of_its_joint():
-    """At a top speed of 2 rad/s at 0.6, at 30 at its bound; a joint at rest has none."""
+    """At 2 rad/s by 0.6, at 30 by its bound; a joint at rest has none."""
     elbow = joint(wave)
     time = np.asarray(elbow.grid.clock)
     for top, most in ((2.0, 0.6), (30.0, 3.0), (0.0, None)):
