@@ -31,7 +31,7 @@ def write_whole(files: Mapping[Path, bytes | Callable[[BinaryIO], None]]) -> Non
         OSError: one line; nothing was changed, or which of them are new.
     """
     halves = {path.with_name(f".{path.name}.{os.getpid()}"): path for path in files}
-    target, new = next(iter(files)), list[str]()
+    target, new = next(iter(files)), []  # of names
     try:
         for half, target in halves.items():
             with open(half, "wb") as file:

@@ -9,6 +9,7 @@ import hardware_runs as runs
 import numpy as np
 import pytest
 
+from gatjax import motions
 from gatjax import task as tasks
 from gatjax.hardware import process, walks
 from gatjax.hardware import session as sessions
@@ -19,6 +20,8 @@ from gatjax.hardware.process import interruptible
 from gatjax.hardware.robot import HungHardware
 from gatjax.hardware.session import Session, Stopped, first_frame
 from gatjax.hardware.terminal import Terminal
+from gatjax.loop.play import Play, recorded
+from gatjax.motions import standing_nao
 from gatjax.records import JOINTS, Reading
 from gatjax.surrogate.attended import SimulatedNao
 from gatjax.surrogate.faults import (
@@ -359,3 +362,18 @@ def test_frames_that_are_lost_in_a_motion_are_no_fall(since):
     assert alive[-1] and alive.sum() == 299
     assert (np.diff(time[alive]) > 0.0).all()
     assert time[-1] <= 300 * PERIOD
+
+
+def test_a_hung_robot_keeps_what_came_though_a_frame_was_lost():
+    session, link = standing("stiff", dropped(1), 1_000_000)
+    limbs, motion = standing_nao()._replace(floating=False), motions.motion("rich")
+    link.begin = link.feet + 100
+    robot, moving = Hanging(session), np.ones(len(limbs.names), bool)
+    play = Play(motion, moving, 1.0 / PERIOD, [0], 0.1, 6.0)
+    targets = np.tile(tasks.pose(THETA0), (1, 300, 1))
+    trajectory = robot.play(targets, play.rate_hz, np.zeros(1, int))
+    assert len(recorded(robot, play, trajectory).time) == 299
+    alive = trajectory.alive.copy()
+    alive[0, 200:] = False
+    with pytest.raises(ValueError, match=r"falls apart 2\.4 s into the motion"):
+        recorded(robot, play, trajectory._replace(alive=alive))

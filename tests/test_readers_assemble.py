@@ -181,3 +181,12 @@ def test_a_sample_that_is_lost_and_slow_signals_are_no_pause():
              "torque.b": Stream(time[::50], time[::50])}  # fmt: skip
     made = readers.assemble(source(both)).recording
     assert len(made.time) == len(time) and "torque.b" in made.columns
+
+
+def test_joints_that_are_never_known_at_once_are_refused():
+    bursts = np.concatenate([0.1 * k + 0.001 * np.arange(3) for k in range(50)])
+    both = {f"{kind}.{joint}": Stream(bursts + late, bursts)
+            for kind in ("command", "position", "velocity")
+            for joint, late in (("a", 0.0), ("b", 0.05))}  # fmt: skip
+    with pytest.raises(ValueError, match="positions pause in turns"):
+        readers.assemble(source(both))

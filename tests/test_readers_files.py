@@ -289,3 +289,15 @@ def test_arrays_are_parted_into_runs(tmp_path, name, given):
 def test_runs_that_are_known_cannot_be_named(tmp_path):
     with pytest.raises(ValueError, match="its runs are known already"):
         readers.read(tmp_path, lambda share: None, readers.Given(run="lap"))
+
+
+@pytest.mark.parametrize("array", [
+    np.array(5), np.zeros((100, 2)), 0.01 * np.arange(100), np.full(100, "a"),
+    np.where(np.arange(100) > 50, np.nan, 1.0),
+])  # fmt: skip
+def test_an_array_that_numbers_no_runs_parts_nothing(tmp_path, array):
+    path, time = tmp_path / "log.npz", 0.01 * np.arange(100)
+    np.savez(path, time=time, q=time[:, None], trajectory=array)
+    assert len(read(path).runs) == 1
+    with pytest.raises(ValueError, match="'trajectory' is no array of the runs'"):
+        readers.read(path, lambda share: None, readers.Given(run="trajectory"))

@@ -286,3 +286,42 @@ def test_cubics_go_on_with_the_speed_of_the_path_before(tmp_path):
     time = stream.time - stream.time[0]
     np.testing.assert_allclose(stream.values, time, atol=1e-5)
     assert len(time) == 201
+
+
+def sent_to(joints, time, points, stamp=0.0):
+    """A trajectory of some joints, in their order."""
+    topic, kind, time, said = path("/goal", time, points, None, stamp)
+    return topic, kind, time, said | {"joint_names": list(joints)}
+
+
+def test_a_path_ends_the_one_before_whatever_joints_it_names(tmp_path):
+    other = logs.JOINTS[::-1]
+    sent = [sent_to(logs.JOINTS, 0.0, [(0.0, 0.0, 0.0), (2.0, 2.0, 4.0)]),
+            sent_to(other, 0.5, [(0.0, 1.0, 0.5), (1.0, 1.0, -0.5)]),
+            sent_to(other[:1], 1.0, [(0.0, 1.0), (0.5, 0.0)])]  # fmt: skip
+    run = written(tmp_path, *sent).runs[0]
+    hip, ankle = (run[f"/goal/position.{name}"] for name in logs.JOINTS)
+    assert hip.time.tolist() == ankle.time.tolist()
+    at = np.searchsorted(hip.time - hip.time[0], [0.25, 0.75, 1.25, 1.6])
+    assert hip.values[at[:3]] == pytest.approx([0.25, 0.25, 0.0], abs=0.011)
+    assert ankle.values[at[:3]] == pytest.approx([0.5, 1.0, 0.5], abs=0.021)
+    assert hip.values[-1] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_path_that_never_began_leaves_nothing(tmp_path):
+    first = path("/goal", 0.0, [(0.0, 0.0, 0.0), (2.0, 2.0, 0.0)])
+    late = path("/goal", 0.3, [(0.0, 9.0, 9.0)], stamp=logs.START + 1.5)
+    last = path("/goal", 0.5, [(1.0, 1.5, 0.0)])
+    stream = written(tmp_path, first, late, last).runs[0]["/goal/position.hip"]
+    np.testing.assert_allclose(stream.values, stream.time - stream.time[0], atol=1e-5)
+
+
+def test_a_path_without_a_point_or_of_another_clock(tmp_path):
+    nothing = path("/goal", 0.1, [])
+    nothing[3]["joint_names"] = []
+    later = path("/goal", 0.5, [(0.0, 0.0, 0.0), (1.0, 1.0, 0.0)], stamp=50.0)
+    source = written(tmp_path, nothing, later)
+    run = source.runs[0]
+    seen, goal = run["/joint_states/position.hip"], run["/goal/position.hip"]
+    assert goal.time[0] - seen.time[0] == pytest.approx(0.487, abs=1e-3)
+    assert any("moved by" in note for note in source.notes)

@@ -230,3 +230,28 @@ def test_a_run_without_a_number_is_left_out(tmp_path, ending):
     source = read(write(table, tmp_path / f"log{ending}"))
     assert len(source.runs) == 1 and "run 0 left out" in " ".join(source.notes)
     assert len(readers.assemble(source).recording.time) == 250
+
+
+@pytest.mark.parametrize(("mark", "word"), [(";", ""), (",", "N/A")])
+def test_numbers_that_come_late_are_numbers(tmp_path, monkeypatch, mark, word):
+    monkeypatch.setattr(tables, "PIECE", 1000)
+    said = [f"{t:.2f}" if t > 2.0 else word for t in TIME]
+    rows = [mark.join([f"{t:.2f}"] * 3 + [s]) for t, s in zip(TIME, said, strict=True)]
+    rows = [row.replace(".", ",") for row in rows] if mark == ";" else rows
+    names = mark.join(["time", "position.a", "command.a", "heat"])
+    run = read(lines(tmp_path / "log.csv", names, *rows)).runs[0]
+    np.testing.assert_allclose(run["heat"].values, TIME[TIME > 2.0], atol=5e-3)
+
+
+def test_what_parts_a_table_can_be_dropped(tmp_path, ending):
+    table = {
+        "time": TIME,
+        "signal": np.where(TIME > 1.0, "ok", "warn"),
+        "run": np.arange(300) // 50 % 2,
+        "position.a": TIME,
+        "command.a": TIME,
+    }
+    log = write(table, tmp_path / f"log{ending}")
+    (run,) = read(log, skips=lambda name: name in ("signal", "run")).runs
+    assert list(run) == ["position.a", "command.a"]
+    assert len(read(log, skips=lambda name: name == "signal").runs) == 2

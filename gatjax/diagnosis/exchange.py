@@ -24,6 +24,7 @@ from gatjax.diagnosis.weighing import (
 )
 
 LOCAL = 2  # joints at most of a cause that may give way to two others
+POOR = 1.7  # times the noise that two causes leave where two others may leave less
 TRIED = 4  # others at most that are tried in the place of a cause
 
 
@@ -143,6 +144,8 @@ def instead(
 ) -> tuple[Judge, list[Cause]]:
     """Two causes instead of the last ones, if these are many or explain too little.
 
+    Two that leave a little give way to two that explain more by 10 nats (`MARGIN`).
+
     Args:
         judge: has accepted the causes.
         causes: so far.
@@ -153,11 +156,14 @@ def instead(
         return judge, causes  # about floor, soles or inertial unit
     start = next(n for n, c in enumerate(causes) if last & set(c.claim.fits))
     bad = [k for k in last if not adequate(judge, k)]
-    many = len(causes) - start > 2
+    many, two = len(causes) - start > 2, len(causes) - start == 2
     (prior, claims), tried = before[start], causes[start].claim
+    poor = two and any(
+        judge.known[k].rms() > POOR * judge.joints[k].noise for k in last
+    )
     room = len(prior.accepted) == start and start + 2 <= judge.most
     alone = all(set(c.claim.fits) <= last for c in causes[start:])
-    if not (room and alone and len(last) <= LOCAL and (bad or many)):
+    if not (room and alone and len(last) <= LOCAL and (bad or many or poor)):
         return judge, causes
     name = frozenset({tried.hypothesis.cause})
     others = [claim for claim in claims if not alike(claim, tried, name)]
@@ -166,7 +172,8 @@ def instead(
     drawn = len(trial.case.pulled) > len(judge.case.pulled)
     fits = both and not drawn and all(adequate(trial, k) for k in last)
     same = trial.case.aside == judge.case.aside
-    good = bad or (same and trial.evidence() > judge.evidence() - LATER)
+    least = -LATER if many else MARGIN
+    good = bad or (same and trial.evidence() > judge.evidence() + least)
     if fits and good and min(cause.probability for cause in both) > LIKELY:
         return trial, [*causes[:start], *both]
     return judge, causes

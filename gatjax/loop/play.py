@@ -89,8 +89,9 @@ def recorded(robot: Player, play: Play, trajectory: Trajectory) -> Recording:
         ValueError: one line: there is nothing to record.
     """
     limbs, alive = robot.limbs(), np.asarray(trajectory.alive)
-    if not limbs.floating and not alive.all():
-        second = float(trajectory.time[~alive].min())
+    ended = ~alive[:, -1]
+    if not limbs.floating and ended.any():
+        second = float(trajectory.time[ended][~alive[ended]].min())
         raise ValueError(
             f"{robot.name}: the simulation falls apart {second:.1f} s into the motion; "
             f"use a smaller --reach, or a finer physics step in the model"

@@ -73,8 +73,9 @@ def of_arrays(
             f"{', '.join(f'{n} {a.shape}' for n, a in arrays.items())}"
         )
     time = np.asarray(time, np.float64)
-    numbers = given.run or next((n for n in RUNS if n in arrays), None)
-    if numbers is not None and np.shape(arrays.get(numbers, 0)) != time.shape:
+    usual = (n for n in RUNS if not given.skips(n) and _counts(arrays.get(n), time))
+    numbers = given.run or next(usual, None)
+    if numbers is not None and not _counts(arrays.get(numbers), time):
         raise ValueError(
             f"{path}: {numbers!r} is no array of the runs' numbers {time.shape}; it "
             f"has {', '.join(arrays)}"
@@ -112,6 +113,13 @@ def of_arrays(
         for rows in rows_of(arrays[numbers])
     ]  # fmt: skip
     return Source(str(path), kind, runs, draft, {}, notes)
+
+
+def _counts(array: np.ndarray | None, time: np.ndarray) -> bool:
+    """Whether an array can number the runs of the rows: whole numbers [N]."""
+    if array is None or array.shape != time.shape or array.dtype.kind not in "iuf":
+        return False
+    return bool((np.isfinite(array) & (array == np.round(array))).all())
 
 
 def _family(name: str) -> str | None:

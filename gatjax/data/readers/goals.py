@@ -20,6 +20,7 @@ STEP = 0.01  # s
 class Goal(NamedTuple):
     """What one message asks for."""
 
+    joints: tuple[str, ...]
     begin: float  # s, when it takes over
     time: np.ndarray  # [N] s, of its points
     position: np.ndarray  # [N, J] rad
@@ -36,6 +37,8 @@ class Path(NamedTuple):
 
 def goal_of(body: Any, begin: float) -> Goal:
     """What a `trajectory_msgs/JointTrajectory` that takes over at `begin` s asks for.
+
+    It has at least a point.
 
     Raises:
         ValueError: one line: points without positions, or not in order.
@@ -54,22 +57,25 @@ def goal_of(body: Any, begin: float) -> Goal:
     place, speed = place.reshape(len(time), count), None
     if all(len(point.velocities) == count for point in body.points):
         speed = np.array([point.velocities for point in body.points], float)
-    return Goal(begin, begin + time, place, speed)
+    return Goal(tuple(body.joint_names), begin, begin + time, place, speed)
 
 
-def followed(goals: Sequence[Goal]) -> Path:
+def followed(goals: Sequence[Goal], joints: Sequence[str]) -> Path:
     """The commands of goals in the order in which they came; each ends the one before.
 
     Where a goal takes over before its first point, the commands go there from where
-    they are; before the first goal of all nobody knows.
+    they are; before the first goal of all nobody knows (NaN). Joints that a goal does
+    not name stay where they are.
     """
     ends = [np.inf]
     for goal in goals[:0:-1]:
         ends.append(min(ends[-1], goal.begin))
-    before: Path | None = None
+    before = Path(np.zeros(1), np.full((1, len(joints)), np.nan), False)
     parts: list[Path] = []
     for goal, end in zip(goals, ends[::-1], strict=True):
-        before = _path(goal if before is None else _joined(before, goal))
+        if goal.begin >= end:
+            continue  # another one came before it began
+        before = _path(_joined(before, _every(goal, joints, before)))
         own = before.time < end
         parts.append(Path(before.time[own], before.position[own], before.filled))
     return Path(
@@ -79,18 +85,38 @@ def followed(goals: Sequence[Goal]) -> Path:
     )
 
 
+def _places(before: Path, time: np.ndarray) -> np.ndarray:
+    """Where commands were, [N, J]."""
+    return np.stack([np.interp(time, before.time, q) for q in before.position.T], 1)
+
+
+def _every(goal: Goal, joints: Sequence[str], before: Path) -> Goal:
+    """A goal of all joints, in their order."""
+    place = np.tile(_places(before, np.array([goal.begin])), (len(goal.time), 1))
+    columns = [joints.index(name) for name in goal.joints]
+    place[:, columns] = goal.position
+    speed = None
+    if goal.velocity is not None:
+        speed = np.zeros_like(place)
+        speed[:, columns] = goal.velocity
+    return goal._replace(joints=tuple(joints), position=place, velocity=speed)
+
+
 def _joined(before: Path, goal: Goal) -> Goal:
     """A goal with a point where it takes over, if its own begin later."""
-    if goal.time[0] <= goal.begin:
-        return goal
     at = np.array([goal.begin - STEP, goal.begin])
-    place = np.stack([np.interp(at, before.time, q) for q in before.position.T], 1)
+    place = _places(before, at)
+    known = np.isfinite(place).all(0)
+    if goal.time[0] <= goal.begin or not known.any():
+        return goal
+    place[:, ~known] = goal.position[:1, ~known]
     speed = goal.velocity
     if speed is not None:
         still = goal.begin >= before.time[-1]
         now = (place[1:] - place[:1]) * (0.0 if still else 1.0 / STEP)
         speed = np.concatenate([now, speed])
     return Goal(
+        goal.joints,
         goal.begin,
         np.concatenate([at[1:], goal.time]),
         np.concatenate([place[1:], goal.position]),

@@ -26,6 +26,7 @@ KNOWN = {
 }
 TIME = "time"  # of a group: no signal is called so, they have topics
 APART = 1.0  # s between two clocks: more is no delay of messages
+AHEAD = 60.0  # s that a trajectory may be stamped ahead
 
 
 @cache
@@ -41,7 +42,7 @@ class Collector:
     def __init__(self) -> None:
         """Nothing is kept yet."""
         self.series: dict[str, dict[str, Column]] = {}  # of each group, TIME first
-        self.goals: dict[str, list[Goal]] = {}  # the same
+        self.goals: dict[str, list[Goal]] = {}  # of each topic
         self.kinds: dict[str, str] = {}  # of each group: the type of its messages
         self.unknown: dict[str, int] = {}
         self.behind: dict[str, float] = {}  # s, least from header's stamp to log's
@@ -89,25 +90,27 @@ class Collector:
 
     def _take_path(self, topic: str, stamp: float, logged: float, body: Any) -> None:
         """Keep what a path asks for."""
-        group = f"{topic}/position.{','.join(body.joint_names)}"
-        goal = goal_of(body, stamp or logged)
-        if len(goal.time) == 0:
+        if not body.points:
             return
-        if not stamp:
-            self.bare.add(group)
-        self.kinds[group] = TRAJECTORY
-        names = [TIME, *_named(topic, "position", dict.fromkeys(body.joint_names, 0.0))]
-        self.series.setdefault(group, {name: Column() for name in names})
-        self.goals.setdefault(group, []).append(goal)
+        self.goals.setdefault(topic, []).append(goal_of(body, stamp or logged))
+        for name in _named(topic, "position", dict.fromkeys(body.joint_names, 0.0)):
+            self._stamped(name, stamp, logged)
+            self.kinds[name] = TRAJECTORY
+            self.series.setdefault(name, {TIME: Column(), name: Column()})
 
-    def _follow(self, group: str) -> None:
-        """Put paths one after the other."""
-        path = followed(self.goals[group])
+    def _follow(self, topic: str) -> None:
+        """Put paths of a topic one after the other."""
+        every = dict.fromkeys(
+            name for goal in self.goals[topic] for name in goal.joints
+        )
+        path = followed(self.goals[topic], list(every))
         if path.filled:
-            self.joined.add(group)
-        every = (path.time, *path.position.T)
-        for column, values in zip(self.series[group].values(), every, strict=True):
-            column.add(values)
+            self.joined.add(topic)
+        for joint, values in zip(every, path.position.T, strict=True):
+            known = np.isfinite(values)
+            stamps, column = self.series[f"{topic}/position.{joint}"].values()
+            stamps.add(path.time[known])
+            column.add(values[known])
 
     def _stamped(self, group: str, stamp: float, logged: float) -> None:
         """Notice how far a clock is behind that of the log."""
@@ -125,18 +128,20 @@ class Collector:
         moves, notes = {}, []
         for group in self.series:
             late = 0.0 if group in self.bare else self.behind.get(group, usual)
-            if abs(late - usual) > APART:
+            goals = self.kinds[group] == TRAJECTORY
+            if abs(late - usual) > (AHEAD if goals else APART):
                 moves[group] = late - usual
+                whose = group.rpartition("/position.")[0] if goals else group
                 notes.append(
-                    f"{path}: {group} moved by {late - usual:.6g} s: joint states are "
+                    f"{path}: {whose} moved by {late - usual:.6g} s: joint states are "
                     f"stamped {usual:.6g} s before they were logged, it {late:.6g} s"
                 )
-        return moves, notes
+        return moves, list(dict.fromkeys(notes))
 
     def run(self, path: Path) -> tuple[Run, dict[str, str], list[str]]:
         """All signals from the first stamp on, s; their types; what was done."""
-        for group in self.goals:
-            self._follow(group)
+        for topic in self.goals:
+            self._follow(topic)
         moves, notes = self.clocks(path)
         notes += [
             f"{path}: {group} left out, its messages differ in length"

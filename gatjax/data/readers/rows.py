@@ -88,6 +88,8 @@ def _bridged(time: np.ndarray, run: Run, where: str, done: Done) -> np.ndarray:
             text = f"{within.sum()} rows in pauses of {name} left out"
             done.setdefault(text, {})[where.rpartition(": ")[2]] = None
             time = time[~within]
+    if not len(time):
+        raise ValueError(f"{where}: no row has all of it: positions pause in turns")
     return time
 
 

@@ -47,7 +47,10 @@ def read(path: Path, tell: Tell, given: Given) -> Source:
         ValueError: one line: not a table, no time, text among the numbers.
     """
     try:
-        numbers, words, left = _columns(path, tell, given)
+        try:
+            numbers, words, left = _columns(path, tell, given, pa.float64())
+        except pa.ArrowInvalid:  # what was empty first is text later
+            numbers, words, left = _columns(path, tell, given, pa.string())
     except (pa.ArrowException, UnicodeDecodeError, OSError) as error:
         line = str(error).splitlines()[0]
         raise ValueError(f"{path}: not a readable table: {line}") from error
@@ -136,14 +139,17 @@ def _emptied(path: Path, runs: list[Run], names: Iterable[str], rows: int) -> li
 
 
 def _columns(
-    path: Path, tell: Tell, given: Given
+    path: Path, tell: Tell, given: Given, empty: pa.DataType
 ) -> tuple[dict[str, np.ndarray], dict[str, Words], list[str]]:
-    """Columns of numbers [N] and of texts, and the names of those of neither."""
+    """Columns of numbers [N] and of texts, and the names of those of neither.
+
+    Columns of a CSV file whose first cells are empty are read as of the type `empty`.
+    """
     numbers: dict[str, Column] = {}
     words: dict[str, list[np.ndarray]] = {}
     seen: dict[str, dict[str, int]] = {}
     left: dict[str, None] = {}
-    for batch in _batches(path, tell, given):
+    for batch in _batches(path, tell, given, empty):
         for name, column in zip(batch.schema.names, batch.columns, strict=True):
             if pa.types.is_dictionary(column.type):
                 column = column.dictionary_decode()
@@ -180,13 +186,15 @@ def _floats(column: pa.Array) -> np.ndarray:
 def _wanted(path: Path, names: list[str], given: Given) -> list[str]:
     """Columns that are to be read, of those that a table has."""
     check_once(path, names)
-    needed = (*SUBJECTS, *RUNS, *TIMES, given.time, given.run)
+    needed = (*TIMES, given.time, given.run)
     return [
         n for n in names if n.lower() in needed or n in needed or not given.skips(n)
     ]
 
 
-def _batches(path: Path, tell: Tell, given: Given) -> Iterator[pa.RecordBatch]:
+def _batches(
+    path: Path, tell: Tell, given: Given, empty: pa.DataType
+) -> Iterator[pa.RecordBatch]:
     """The rows of a table, piece by piece, without columns that are not wanted."""
     if path.suffix.lower() == ".parquet":
         with parquet.ParquetFile(path) as table:
@@ -204,10 +212,13 @@ def _batches(path: Path, tell: Tell, given: Given) -> Iterator[pa.RecordBatch]:
     plain = csv.ConvertOptions(decimal_point=point)
     with csv.open_csv(path, block, form, plain) as first:
         wanted = _wanted(path, first.schema.names, given)
-        kinds = {f.name: _kind_to_be(f.type) for f in first.schema}
+        kinds = {f.name: _kind_to_be(f.type, empty) for f in first.schema}
     with path.open("rb") as file:
         types = csv.ConvertOptions(  # 0, 1, 2.5: no column of int
-            column_types=kinds, decimal_point=point, include_columns=wanted
+            column_types=kinds,
+            decimal_point=point,
+            include_columns=wanted,
+            strings_can_be_null=True,
         )
         with csv.open_csv(file, block, form, types) as table:
             for batch in table:
@@ -224,10 +235,10 @@ def _marks(path: Path) -> tuple[str, str]:
     return mark, "," if comma else "."
 
 
-def _kind_to_be(kind: pa.DataType) -> pa.DataType:
+def _kind_to_be(kind: pa.DataType, empty: pa.DataType) -> pa.DataType:
     """What a column of a CSV file may turn out to be, by its first rows."""
     if pa.types.is_null(kind):
-        return pa.string()
+        return empty
     whole = pa.types.is_integer(kind) or pa.types.is_floating(kind)
     return pa.float64() if whole else kind
 
