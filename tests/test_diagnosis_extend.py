@@ -413,3 +413,18 @@ def test_two_asymmetric_frictions_are_one(tmp_path: Path) -> None:
     both = {row["where"][0]: row["values"] for row in rows}
     assert both["lift"] == pytest.approx({"torque": 0.15, "viscous": 0.1})
     assert both["turn"] == pytest.approx(one)
+
+
+def test_a_limit_that_a_joint_has_is_not_written_beside_its_servos(tmp_path) -> None:
+    world = arm(tmp_path)
+    file = tmp_path / "robot" / "arm.xml"
+    limit = 'name="lift" actuatorfrcrange="-3 3" '
+    file.write_text(file.read_text().replace('name="lift" ', limit))
+    raised = {"limit": 4.5, "raised": 1.5}
+    world = nominal(world.task, file, 5e-4)
+    world = add_cause(world, "torque_limit", ["lift"], raised)
+    (tmp_path / "found").mkdir()
+    write_model(tmp_path / "found" / "extended.xml", world)
+    found = mujoco.MjModel.from_xml_path(str(tmp_path / "found" / "extended.xml"))
+    assert found.actuator_forcerange[0] == pytest.approx([-4.5, 4.5])
+    assert not found.jnt_actfrclimited.any()

@@ -21,14 +21,17 @@ from gatjax.diagnosis.floor import (
     tolerances,
     weights,
 )
+from gatjax.diagnosis.floor.causes import suspects
 from gatjax.diagnosis.floor.channels import simulated
-from gatjax.diagnosis.floor.observed import binned
+from gatjax.diagnosis.floor.observed import _stack, binned
+from gatjax.diagnosis.floor.reaction import Frame
 from gatjax.diagnosis.given import Logs
 from gatjax.diagnosis.hypotheses import COUNT, numbers
 from gatjax.diagnosis.joint import STEP
 from gatjax.diagnosis.loads import Tree
 from gatjax.diagnosis.motion import FINE, grid_time
 from gatjax.diagnosis.start import Start
+from gatjax.robot.model import load
 from gatjax.sim.limbs import put_down
 from gatjax.sim.stored import read_world
 from gatjax.sim.world import add_cause
@@ -307,3 +310,57 @@ def test_what_comes_after_a_fall_is_left_out(model: mujoco.MjModel) -> None:
         standing.upright(
             model, [run], [channels | {"orientation.pitch": 1.2 + down}], PERIOD
         )
+
+
+QUADRUPED = """
+<mujoco><option timestep="0.002"/><worldbody><geom {floor} solref="{soft}"/>
+<body name="torso" pos="0 0 0.45"><freejoint/>
+<geom type="box" size=".08 .08 .08" mass="3" contype="0" conaffinity="0"/>{legs}
+</body></worldbody><actuator>{servos}</actuator></mujoco>"""
+
+
+def quadruped(path: Path, floor: str, soft: str = "0.02 1") -> mujoco.MjModel:
+    """Four straight legs with spheres as feet."""
+    legs = "".join(
+        f'<body name="l{k}" pos="{x} {y} 0"><joint name="h{k}" axis="0 1 0"'
+        f' damping=".1" armature=".005"/><geom type="capsule" size=".02" mass=".3"'
+        f' fromto="0 0 0 0 0 -.35" contype="0" conaffinity="0"/><geom type="sphere"'
+        f' pos="0 0 -.4" size=".03" mass=".05" solref="{soft}"/></body>'
+        for k, (x, y) in enumerate(((0.1, 0.1), (0.1, -0.1), (-0.1, 0.1), (-0.1, -0.1)))
+    )
+    servos = "".join(
+        f'<position joint="h{k}" kp="60" kv="2" forcerange="-10 10"/>' for k in range(4)
+    )
+    path.write_text(QUADRUPED.format(floor=floor, soft=soft, legs=legs, servos=servos))
+    return load(path)
+
+
+def test_a_floor_may_be_written_as_a_box(tmp_path: Path) -> None:
+    """MuJoCo then has the foot as the first geom of a contact."""
+    told = []
+    for floor in (
+        'type="plane" size="5 5 .1"', 'type="box" size="5 5 .1" pos="0 0 -.1"'
+    ):  # fmt: skip
+        model = quadruped(tmp_path / "quad.xml", floor)
+        data = mujoco.MjData(model)
+        mujoco.mj_step(model, data, 1500)
+        mujoco.mj_forward(model, data)
+        answer = Frame(Tree(model, model.actuator_trnid[:, 0])).answer(model, data)
+        told.append((answer.slope, answer.inertia))
+    np.testing.assert_allclose(told[1], told[0], rtol=1e-3)
+
+
+def test_contacts_that_are_springs_have_no_time_to_be_wrong(tmp_path: Path) -> None:
+    floor = 'type="plane" size="5 5 .1"'
+    for soft, there in (("0.02 1", True), ("-8000 -150", False)):
+        model = quadruped(tmp_path / "quad.xml", floor, soft)
+        names = [suspect.cause for suspect in suspects(model)]
+        assert ("ground_compliance" in names) is there
+
+
+def test_a_robot_that_faces_south_turns_no_round(model: mujoco.MjModel) -> None:
+    time = 0.02 * np.arange(500)
+    yaw = np.pi - 0.002 + 0.004 * np.sin(2.0 * time)
+    wrapped = np.angle(np.exp(1j * yaw))
+    (seen,) = _stack({"orientation.yaw": wrapped}, ("orientation.yaw",))
+    np.testing.assert_allclose(seen, yaw - yaw.mean(), atol=1e-9)

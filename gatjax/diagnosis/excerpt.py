@@ -36,8 +36,8 @@ def shortened(logs: Sequence[Recording], joints: int) -> str | None:
         return None
     return (
         f"the logs to be explained last {whole:.0f} s: causes are looked for in "
-        f"{enough:.0f} s of them, pieces of {PIECE:.0f} s from calm to lively; for "
-        f"what builds up over minutes give a shorter log"
+        f"{enough:.0f} s of them, pieces of up to {PIECE:.0f} s from calm to lively; "
+        f"for what builds up over minutes give a shorter log"
     )
 
 
@@ -56,7 +56,7 @@ def excerpt(logs: Sequence[Recording], joints: int) -> list[Recording]:
         return list(logs)
     runs = [(log, rows) for log in logs for rows in _runs(log)]
     lasts = np.array([log.time[rows][-1] - log.time[rows][0] for log, rows in runs])
-    shares = lasts / lasts.sum() * enough / PIECE
+    shares = lasts / lasts.sum() * enough / np.clip(lasts, 1e-3, PIECE)
     many = len(runs) > enough / PIECE
     thinned = np.diff(np.floor(np.cumsum(shares) + 0.5), prepend=0.0)
     counts = (thinned if many else np.ceil(shares)).astype(int).tolist()

@@ -22,6 +22,7 @@ from gatjax.sim.world import World, stacked
 SECONDS = 14.0  # s, of every motion that is compared
 LEAST, ENOUGH = 1.0, 3.0  # noise units: less separates nothing; more decides
 DECIDED = 0.99  # probability from which another log can only confirm
+RATES = 20.0, 1000.0  # Hz, least and largest, of motions and of `gatjax collect`
 SETTLE = 1.0  # s at the first target
 
 
@@ -107,11 +108,13 @@ def propose(
         world: world.json of the diagnosis, for the command that plays the motion.
 
     Returns:
-        `next_experiment` of diagnosis.json; None where nothing is left to separate, or
-        where no servo follows a motion.
+        `next_experiment` of diagnosis.json; None where nothing is left to separate,
+        where no servo follows a motion, or at a rate that no motion has.
     """
     claims = leading(verdict)
     if not claims or not all(joint.servoed for joint in verdict.judge.joints):
+        return None
+    if not RATES[0] <= 1.0 / period <= RATES[1]:
         return None
     first, second, names = sides(verdict, claims)
     named = [_world(verdict, each, start, period) for each in (first, second)]

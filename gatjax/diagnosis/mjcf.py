@@ -121,6 +121,8 @@ def _write_servos(spec: mujoco.MjSpec, changed: mujoco.MjModel) -> None:
         joint.armature = float(changed.dof_armature[dof])
         joint.solref_friction[:] = changed.dof_solref[dof]
         joint.solimp_friction[:] = changed.dof_solimp[dof]
+        if not changed.jnt_actfrclimited[held]:  # `load` made it the servo's
+            joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
         servo.gainprm[:] = changed.actuator_gainprm[k]
         servo.biasprm[:] = changed.actuator_biasprm[k]
         if np.isfinite(changed.actuator_forcerange[k]).all():

@@ -143,7 +143,7 @@ def _features(
         Feature("position and direction", "q^2 sgn v", q**2 * direction),
         Feature("load", "load", weight),
         Feature("load", "|load| sgn v", np.abs(weight) * direction),
-        Feature("time", "t", time / max(time[-1], 1.0)),
+        Feature("time", "t", time),
     ]  # fmt: skip
     for name, series in beside.items():
         if name.partition(".")[2] in ("", joint.name):

@@ -60,13 +60,13 @@ def suspects(model: mujoco.MjModel) -> list[Suspect]:
     mu = float(model.geom_friction[geoms, 0].max())
     slips = mu * np.array([[0.7], [0.45], [0.3], [0.2], [0.12], [0.07]])
     found.append(Suspect("ground_friction", "ground", ("mu",), slips, {}, 0.01, 3.0))
-    soft = max(float(model.geom_solref[geoms, 0].max()), 0.004)
-    waits = soft * np.array([[0.6], [1.7], [3.0], [5.0], [8.0], [13.0]])
-    found.append(
-        Suspect(
-            "ground_compliance", "ground", ("time_constant",), waits, {}, 0.002, 0.3
+    if (model.geom_solref[geoms, 0] > 0.0).all():  # else no times but springs
+        soft = max(float(model.geom_solref[geoms, 0].max()), 0.004)
+        waits = soft * np.array([[0.6], [1.7], [3.0], [5.0], [8.0], [13.0]])
+        axes = ("time_constant",)
+        found.append(
+            Suspect("ground_compliance", "ground", axes, waits, {}, 0.002, 0.3)
         )
-    )
     worn = np.array([[0.0008], [0.002], [0.005]])
     for foot in feet(model):
         for x, y in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)):

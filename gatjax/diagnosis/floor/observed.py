@@ -81,7 +81,8 @@ def _stack(channels: Channels, names: tuple[str, ...]) -> np.ndarray:
     series = [channels[name] for name in names]
     if "orientation.yaw" in names:
         k = names.index("orientation.yaw")
-        series[k] = series[k] - series[k].mean(-1, keepdims=True)
+        turned = np.unwrap(series[k], axis=-1)
+        series[k] = turned - turned.mean(-1, keepdims=True)
     return np.stack(series, -2)
 
 

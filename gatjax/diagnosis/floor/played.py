@@ -117,6 +117,6 @@ def _rows(time: np.ndarray, command: np.ndarray, played: Played, part: tuple) ->
         velocity=np.asarray(played.velocity)[part],
         torque=np.asarray(played.torque)[part], gyro=np.asarray(reading.gyro)[part],
         accelerometer=np.asarray(reading.accelerometer)[part],
-        up=np.asarray(played.up)[part], heading=heading,
+        up=np.asarray(played.up)[part], heading=np.unwrap(heading, axis=-1),
         force=np.asarray(reading.force)[part],
     )  # fmt: skip

@@ -146,20 +146,26 @@ def dense(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
 
 
 class _Held:
-    """A contact force that stays, at a point of the foot that stays."""
+    """A contact force that stays, at points that stay of the bodies that it pushes."""
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, index: int) -> None:
         contact = data.contact[index]
-        self.body = int(model.geom_bodyid[contact.geom2])
         wrench = np.zeros(6)
         mujoco.mj_contactForce(model, data, index, wrench)
-        self.force = contact.frame.reshape(3, 3).T @ wrench[:3]
-        turn = data.xmat[self.body].reshape(3, 3)
-        self.place = turn.T @ (contact.pos - data.xpos[self.body])
+        force = contact.frame.reshape(3, 3).T @ wrench[:3]  # on the second geom
+        self.sides: list[tuple[int, np.ndarray, np.ndarray]] = []
+        for geom, sign in ((contact.geom1, -1.0), (contact.geom2, 1.0)):
+            body = int(model.geom_bodyid[geom])
+            if model.body_weldid[body] != 0:
+                turn = data.xmat[body].reshape(3, 3)
+                place = turn.T @ (contact.pos - data.xpos[body])
+                self.sides.append((body, place, sign * force))
 
     def push(self, model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
         """Generalised force [nv] of the contact."""
-        point = data.xpos[self.body] + data.xmat[self.body].reshape(3, 3) @ self.place
-        columns = np.zeros((3, model.nv))
-        mujoco.mj_jac(model, data, columns, None, point, self.body)
-        return columns.T @ self.force
+        out, columns = np.zeros(model.nv), np.zeros((3, model.nv))
+        for body, place, force in self.sides:
+            point = data.xpos[body] + data.xmat[body].reshape(3, 3) @ place
+            mujoco.mj_jac(model, data, columns, None, point, body)
+            out += columns.T @ force
+        return out
