@@ -40,7 +40,8 @@ class Scripted(Judge):
     def __init__(self, script, right, names=()):
         self.script, self.right, self.names = script, right, list(names)
         self.case = SimpleNamespace(pulled={}, aside={})
-        self.joints, self.accepted = [None], [claim(name) for name in names]
+        self.joints = [SimpleNamespace(noise=NOISE)]
+        self.accepted = [claim(name) for name in names]
         self.known = [fit(1.0)]
 
     def fork(self):
@@ -208,3 +209,33 @@ def test_one_of_several_joints_may_have_a_cause_of_its_own_besides():
     assert not findings.whole(judge, claim("gain", fits={1: left[1], 2: left[2]}))
     worse = left | {1: fit(10.0)}
     assert not findings.whole(judge, claim("gain", fits=worse))
+
+
+@pytest.mark.parametrize(
+    ("left", "more", "named"),
+    [(2.5, 30.0, ["torque", "viscous"]), (2.5, 5.0, ["soft", "speed"]),
+     (1.2, 30.0, ["soft", "speed"])],
+)  # fmt: skip
+def test_two_causes_that_leave_a_little_give_way_to_two_that_explain_more(
+    told, monkeypatch, left, more, named
+):
+    """A torque limit with viscous friction is near a speed limit of a soft motor."""
+    monkeypatch.setattr(verdict, "adequate", lambda judge, index: True)
+    monkeypatch.setattr(exchange, "adequate", lambda judge, index: True)
+    monkeypatch.setattr(
+        Scripted, "evidence",
+        lambda judge: more if set(judge.names) == {"torque", "viscous"} else 0.0,
+    )  # fmt: skip
+    plain = Scripted.__init__
+
+    def begun(self, *given):
+        plain(self, *given)
+        self.known = [fit(left)]
+
+    monkeypatch.setattr(Scripted, "__init__", begun)
+    script = {
+        "": {"speed": 120.0, "torque": 70.0}, "speed": {"soft": 80.0},
+        "soft": {"speed": 110.0}, "torque": {"viscous": 300.0},
+        "viscous": {"torque": 250.0},
+    }  # fmt: skip
+    assert told(script, {"any"})[1] == named
