@@ -109,9 +109,8 @@ def test_actuators_are_the_25_motors_in_order(model):
 def test_force_sensors_are_the_eight_corners_in_order(model):
     where = slots(model).force
     names = [
-        model.sensor(index).name
-        for index in range(model.nsensor)
-        if where.start <= model.sensor_adr[index] < where.stop
+        model.sensor(int(np.flatnonzero(model.sensor_adr == place)[0])).name
+        for place in where
     ]
     assert tuple(names) == FORCE_SENSORS
 
