@@ -8,6 +8,7 @@ from gatjax.data.trajectories import JointRun
 
 SPREAD = np.sqrt(20.0)  # of third differences of white noise, in its deviations
 SIXTH = np.sqrt(924.0)  # of sixth ones
+SLOW = 1.0 / 45.0  # s from row to row: of more rows motion leaks into neither
 LEAKS = 0.7  # share that sixth ones find where motion leaks into third ones
 WHITE = 0.25  # correlation of third differences that reading noise does not reach
 CHANCE = 5.0  # deviations: nor this, of few rows
@@ -41,7 +42,8 @@ def noise_of(runs: list[JointRun]) -> np.ndarray:
     levels = []
     for run in runs:
         third, sixth = _level(run, 3, SPREAD), _level(run, 6, SIXTH)
-        levels.append(np.where(sixth < LEAKS * third, sixth, third))
+        slow = float(np.median(np.diff(run.time))) > SLOW
+        levels.append(np.where(slow & (sixth < LEAKS * third), sixth, third))
     return np.mean(np.maximum(levels, np.maximum(_rounding(runs), 1e-5)), axis=0)
 
 
