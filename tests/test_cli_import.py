@@ -179,17 +179,20 @@ def test_what_stands_at_an_end_and_what_is_not_there_is_told(tmp_path, brought):
     assert "not there: torque, current, temperature, stiffness, gyro" in said
 
 
-def test_what_is_no_recordings_metadata_is_not_written_over(tmp_path, capsys):
+@pytest.mark.parametrize("text", [
+    '{"schema": "gatjax.policy/1"}', '{"entries": [{"t": 0.0}]}', '{"mass": 0.1}', "[",
+])  # fmt: skip
+def test_what_is_no_recordings_metadata_is_not_written_over(tmp_path, capsys, text):
     table = {"time": logs.SEEN, "position.a": logs.SEEN, "command.a": logs.SEEN}
     parquet.write_table(pa.table(table), tmp_path / "a.parquet")
     policy = tmp_path / "walk.json"
-    policy.write_text('{"schema": "gatjax.policy/1"}')
+    policy.write_text(text)
     given = ["import", str(tmp_path / "a.parquet"), "--out", str(tmp_path / "walk.csv")]
     assert main(given) == 1
     assert f"{policy} would be written over" in capsys.readouterr().err
     (tmp_path / "walk.csv").write_text("a,b\n")
     assert main(given) == 1
-    assert policy.read_text() == '{"schema": "gatjax.policy/1"}'
+    assert policy.read_text() == text
     policy.unlink()
     assert main(given) == 0 and main(given) == 0  # its own
 

@@ -1,5 +1,7 @@
 """What a log without a terminal hears of long work."""
 
+import itertools
+
 from gatjax.cli import progress
 
 
@@ -50,3 +52,24 @@ def test_a_bar_is_where_it_does_not_mix_with_results(monkeypatch, capsys):
         teller.work(1.0)
     said = capsys.readouterr()
     assert said.out == "" and "10 walks" in said.err
+
+
+def test_what_was_done_before_says_nothing_of_the_time_left(monkeypatch, capsys):
+    monkeypatch.setattr(progress, "QUIET", 0.0)
+    now = itertools.chain([0.0, 0.0, 5.0], itertools.repeat(10.0))
+    monkeypatch.setattr(progress.time, "monotonic", lambda: next(now))
+    with progress.shown(100.0) as teller:
+        teller.stage("search")
+        teller.past(50.0)
+        teller.work(5.0)
+    assert "55%, about 1.5 min left" in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_a_bar_begins_with_what_was_done_before(monkeypatch, capsys):
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    with progress.shown(100.0) as teller:
+        teller.stage("search")
+        teller.past(50.0)
+        teller.work(5.0)
+    said = capsys.readouterr().err
+    assert "55%" in said and "search" in said

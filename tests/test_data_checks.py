@@ -372,7 +372,8 @@ def test_slow_log_with_play_is_no_shift():
     assert found(slow, "shifted") == []
 
 
-def test_repeats_are_compared():
+@pytest.mark.parametrize("later", [0.0, 12.0037])
+def test_repeats_are_compared(later):
     one, other = log(seed=0), log(seed=0)
     random = np.random.default_rng(9).normal(0.0, 0.02, len(one.time))
     columns = {
@@ -382,7 +383,7 @@ def test_repeats_are_compared():
     columns["position.hip"][len(one.time) :] += random
     both = Recording(
         "two.csv",
-        np.concatenate([one.time, other.time]),
+        np.concatenate([one.time, other.time + later]),
         np.repeat([0, 1], len(one.time)),
         columns,
         {},

@@ -109,6 +109,14 @@ def test_what_tests_predictions_is_long_enough_for_it(walks, seed):
     assert sorted([*seen, *held_out]) == list(range(20))
 
 
+@pytest.mark.parametrize("long", [0, 1])
+def test_a_robot_that_falls_early_is_told(walks, long):
+    ids = np.repeat(np.arange(20), np.where(np.arange(20) < long, 100, 20))
+    recording = walks._replace(time=0.02 * np.arange(len(ids)), trajectory=ids)
+    with pytest.raises(ValueError, match=rf"{long} of 20 walks last longer than .* s"):
+        parted(recording, 0.02, 0)
+
+
 def test_long_walks_are_parted_as_ever(walks):
     seen, held_out = parted(walks, TASK.control_period, SEED)
     before = split_by_trajectory(walks.trajectory, HELD_OUT, SEED)

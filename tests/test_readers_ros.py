@@ -77,8 +77,10 @@ def test_trajectories_are_commands_ahead_of_time(tmp_path):
     )
     source = read(logs.write_mcap(tmp_path / "goal.mcap", every))
     goal = source.runs[0]["/arm/goal/position.hip"]
-    assert goal.time.tolist() == pytest.approx([1.6], abs=1e-5)
-    assert goal.values.tolist() == [0.5]
+    share = (goal.time - goal.time[0]) / 1.5
+    assert share[-1] == pytest.approx(1.0, abs=1e-5) and len(share) == 151
+    begun = np.interp(0.1, logs.SEEN, logs.angles(logs.SEEN)[0])
+    np.testing.assert_allclose(goal.values, begun + share * (0.5 - begun), atol=1e-5)
     assert source.draft["command.hip"] == {"from": "/arm/goal/position.hip"}
 
 
@@ -324,4 +326,53 @@ def test_a_path_without_a_point_or_of_another_clock(tmp_path):
     run = source.runs[0]
     seen, goal = run["/joint_states/position.hip"], run["/goal/position.hip"]
     assert goal.time[0] - seen.time[0] == pytest.approx(0.487, abs=1e-3)
+    assert any("moved by" in note for note in source.notes)
+
+
+def test_a_joint_without_a_command_goes_from_where_it_is(tmp_path):
+    hip, ankle = logs.JOINTS
+    first = sent_to([hip], 0.3, [(0.0, 1.0), (0.5, 2.0)])
+    then = sent_to([ankle], 1.0, [(0.5, 1.0)])
+    run = written(tmp_path, first, then).runs[0]
+    stream = run[f"/goal/position.{ankle}"]
+    begun = np.interp(1.0, logs.SEEN, logs.angles(logs.SEEN)[1])
+    share = (stream.time - stream.time[0]) / 0.5
+    np.testing.assert_allclose(stream.values, begun + share * (1.0 - begun), atol=1e-5)
+    assert stream.time[-1] - run[f"/goal/position.{hip}"].time[0] == pytest.approx(1.2)
+
+
+def test_goals_that_never_reach_a_point_are_ramps_begun_anew(tmp_path):
+    every = np.arange(0.1, 1.1, 0.1)
+    sent = [path("/goal", float(t), [(1.0, 1.0, 1.0)]) for t in every]
+    stream = written(tmp_path, *sent).runs[0]["/goal/position.hip"]
+    begun = np.interp(0.1, logs.SEEN, logs.angles(logs.SEEN)[0])
+    at = np.interp(every - 0.1, stream.time - stream.time[0], stream.values)
+    np.testing.assert_allclose(
+        1.0 - at, (1.0 - begun) * 0.9 ** np.arange(len(every)), atol=1e-5
+    )
+
+
+def test_speeds_of_a_joint_do_not_ask_for_those_of_another(tmp_path):
+    hip, ankle = logs.JOINTS
+    *head, said = sent_to([hip], 0.2, [(0.0, 0.0), (1.0, 1.0)])
+    for point in said["points"]:
+        point["velocities"] = [1.0]
+    then = sent_to([ankle], 0.5, [(0.0, 0.3)])
+    run = written(tmp_path, (*head, said), then).runs[0]
+    stream = run[f"/goal/position.{hip}"]
+    rising = stream.time - stream.time[0] < 0.3 - 1e-6
+    np.testing.assert_allclose(
+        stream.values[rising], (stream.time - stream.time[0])[rising], atol=1e-5
+    )
+    assert run[f"/goal/position.{ankle}"].values.tolist() == [0.3]
+
+
+@pytest.mark.parametrize("apart", [-30.0, -5.0, 5.0])
+def test_goals_without_a_stamp_are_of_the_clock_of_the_log(tmp_path, apart):
+    states = [state(t, stamp=logs.START + t + apart) for t in logs.SEEN]
+    goal = path("/goal", 0.5, [(0.0, 0.0, 0.0), (1.0, 1.0, 0.0)])
+    source = written(tmp_path, goal, seen=states)
+    seen, asked = (source.runs[0][f"/{name}/position.hip"].time[0]
+                   for name in ("joint_states", "goal"))  # fmt: skip
+    assert asked - seen == pytest.approx(0.487, abs=1e-3)
     assert any("moved by" in note for note in source.notes)

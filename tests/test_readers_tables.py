@@ -255,3 +255,40 @@ def test_what_parts_a_table_can_be_dropped(tmp_path, ending):
     (run,) = read(log, skips=lambda name: name in ("signal", "run")).runs
     assert list(run) == ["position.a", "command.a"]
     assert len(read(log, skips=lambda name: name == "signal").runs) == 2
+
+
+def test_a_column_without_a_text_is_left_out_and_told(tmp_path, ending):
+    nothing = pa.array([None] * 300, pa.string())
+    table = {"time": TIME, "position.a": TIME, "note": nothing}
+    source = read(write(table, tmp_path / f"log{ending}"))
+    assert list(source.runs[0]) == ["position.a"]
+    assert "note" in " ".join(source.notes)
+
+
+def test_decimal_commas_of_a_joint_that_starts_late(tmp_path, monkeypatch):
+    monkeypatch.setattr(tables, "PIECE", 1000)
+    said = [("2,50" if t > 1.5 else "", "tired" if t > 2.0 else "") for t in TIME]
+    clock = [f"{t:.2f}".replace(".", ",") for t in TIME]
+    rows = [";".join([at, at, *own]) for at, own in zip(clock, said, strict=True)]
+    path = lines(tmp_path / "log.csv", "time;position.a;position.b;note", *rows)
+    run = read(path).runs[0]
+    assert list(run) == ["position.a", "position.b"]
+    assert set(run["position.b"].values) == {2.5}
+    assert len(run["position.b"].time) == (TIME > 1.5).sum()
+
+
+def test_decimal_commas_after_a_row_of_whole_numbers(tmp_path):
+    rows = [f"{t:.2f};{t:.3f}".replace(".", ",") for t in TIME]
+    path = lines(tmp_path / "log.csv", "time;position.a", "0;0", *rows[1:])
+    np.testing.assert_allclose(read(path).runs[0]["position.a"].values, TIME)
+
+
+def test_names_may_have_a_space_before_them(tmp_path):
+    path = lines(tmp_path / "log.csv", "time; position.a", *[f"{t};{t}" for t in TIME])
+    assert list(read(path).runs[0]) == ["position.a"]
+
+
+def test_stamps_that_are_text_are_told(tmp_path):
+    path = lines(tmp_path / "log.csv", "time,position.a", "at once,0", "later,1")
+    with pytest.raises(ValueError, match="'time' holds text, such as 'at once'"):
+        read(path)

@@ -166,8 +166,8 @@ def _check_rates(logs: Sequence[Recording]) -> None:
     (least, fast), (most, slow) = min(periods), max(periods)
     if most > SAME_RATE * least:
         raise ValueError(
-            f"{slow} has a row every {1e3 * most:.1f} ms, {fast} every "
-            f"{1e3 * least:.1f} ms; diagnose files of one rate together"
+            f"{slow} has a row every {1e3 * most:.5g} ms, {fast} every "
+            f"{1e3 * least:.5g} ms; diagnose files of one rate together"
         )
 
 

@@ -37,13 +37,20 @@ def shown(total: float) -> Iterator[Teller]:
             yield _heeding(
                 stage=lambda text: bar.update(task, description=text),
                 work=lambda units: bar.advance(task, units),
+                past=lambda units: bar.reset(
+                    task, completed=bar.tasks[task].completed + units
+                ),
             )
         return
     with lines(total) as teller:
         yield teller
 
 
-def _heeding(stage: Callable[[str], None], work: Callable[[float], None]) -> Teller:
+def _heeding(
+    stage: Callable[[str], None],
+    work: Callable[[float], None],
+    past: Callable[[float], None],
+) -> Teller:
     """Stop at the next stage or piece of work if a Ctrl-C got lost."""
 
     def checked_stage(text: str) -> None:
@@ -54,7 +61,7 @@ def _heeding(stage: Callable[[str], None], work: Callable[[float], None]) -> Tel
         check()
         work(units)
 
-    return Teller(checked_stage, checked_work)
+    return Teller(checked_stage, checked_work, past)
 
 
 def _span(seconds: float) -> str:
@@ -75,15 +82,16 @@ def shown_beside(robot: str, total: float) -> AbstractContextManager[Teller]:
 @contextmanager
 def lines(total: float) -> Iterator[Teller]:
     """Show progress in plain lines."""
-    begun, done, named = time.monotonic(), 0.0, ""
+    begun, done, before, named = time.monotonic(), 0.0, 0.0, ""
     said = begun
 
     def stage(text: str) -> None:
         nonlocal named, said
         named, said = text, time.monotonic()
         passed = said - begun
-        left = passed * (total - done) / done if done else float("nan")
-        ahead = f", about {_span(left)} left" if 0.0 < done < total else ""
+        own = done - before
+        left = passed * (total - done) / own if own > 0.0 else 0.0
+        ahead = f", about {_span(left)} left" if left > 0.0 else ""
         print(f"[{passed:5.0f} s, {done / total:4.0%}{ahead}] {text}", file=sys.stderr)
 
     def work(units: float) -> None:
@@ -92,4 +100,8 @@ def lines(total: float) -> Iterator[Teller]:
         if time.monotonic() - said > QUIET:
             stage(named)
 
-    yield _heeding(stage, work)
+    def past(units: float) -> None:
+        nonlocal done, before
+        done, before = min(total, done + units), before + units
+
+    yield _heeding(stage, work, past)

@@ -84,7 +84,7 @@ def run(verb: verbs.Run) -> None:
             done.append(text)
             progress.stage(text)
 
-        loop.run(folder, settings, robot, Progress(stage, progress.work))
+        loop.run(folder, settings, robot, Progress(stage, progress.work, progress.past))
     if not done:
         print("this run was finished already; its report is written again")
     _reported(folder)

@@ -299,10 +299,11 @@ def check_output(path: Path) -> None:
     if check_ending(path) == ".parquet" or not beside.exists():
         return
     try:
-        own = path.is_file() and "schema" not in told_of(path)
+        facts = told_of(path) if path.is_file() else {"schema": None}
     except ValueError:
-        own = False
-    if not own:
+        facts = {"schema": None}
+    written = (isinstance(v, str) or key == "rate_hz" for key, v in facts.items())
+    if "schema" in facts or not all(written):
         raise ValueError(
             f"{beside} would be written over by the metadata of {path}, and is no part "
             f"of a recording; choose another --out, or one that ends in .parquet"

@@ -97,7 +97,8 @@ def check_repeats(
             continue
         pairs.append(f"{same.trajectory} and {run.trajectory}")
         for k, joint in enumerate(joints):
-            there = np.interp(run.time, same.time, same.angle[:, k])
+            since = same.time - same.time[0]
+            there = np.interp(run.time - run.time[0], since, same.angle[:, k])
             apart = float(np.sqrt(np.mean(np.square(run.angle[:, k] - there))))
             spread[joint] = max(spread.get(joint, 0.0), apart)
     if not pairs:

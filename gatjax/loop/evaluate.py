@@ -41,7 +41,8 @@ def begin(asked: Sequence[Walks], stage: str) -> Callable[[], None]:
     def keep() -> None:
         if wait is not None:
             _keep(left, wait())
-        _tell(asked)
+        setting.progress.work(ROBOT_UNIT * _count(left))
+        setting.progress.past(ROBOT_UNIT * (_count(asked) - _count(left)))
 
     return keep
 
@@ -72,9 +73,8 @@ def _walks(left: Sequence[Walks]) -> tuple[Array, list[int], Task]:
     return np.stack([p for p, _ in pairs]), [s for _, s in pairs], left[0].setting.task
 
 
-def _tell(asked: Sequence[Walks]) -> None:
-    count = sum(len(each.candidates) * len(each.seeds) for each in asked)
-    asked[0].setting.progress.work(ROBOT_UNIT * count)
+def _count(asked: Sequence[Walks]) -> int:
+    return sum(len(each.candidates) * len(each.seeds) for each in asked)
 
 
 def _keep(walked: Sequence[Walks], outcome: Outcome) -> None:

@@ -57,7 +57,9 @@ def explained(setting: Setting, done: float = 0.0) -> list[Entry]:
         with _skipping(setting):
             diagnosed(setting, work)
             write_world(file, extended(setting, walks), {"verb": "run"}, None)
-    work(1.0 - done)
+        work(1.0 - done)
+    else:
+        setting.progress.past(DIAGNOSIS_UNIT * (1.0 - done))
     if skipped.exists():
         setting.progress.stage(
             f"no GAT after diagnosis: {skipped.read_text().strip()} (to try again, "

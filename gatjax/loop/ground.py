@@ -146,7 +146,14 @@ def parted(walks: Recording, seconds: float, seed: int) -> tuple[Array, Array]:
         seed: of the draw.
     """
     ids, rows = np.unique(walks.trajectory, return_counts=True)
-    long = ids[rows > prediction.shortest(seconds)]
+    least = prediction.shortest(seconds)
+    long = ids[rows > least]
+    if len(long) < 2:
+        raise ValueError(
+            f"{walks.name}: {len(long)} of {len(ids)} walks last longer than "
+            f"{least * seconds:.3g} s, two are needed: the robot falls too early for a "
+            f"grounding"
+        )
     _, held_out = split_by_trajectory(long, HELD_OUT, seed)
     return np.setdiff1d(ids, held_out), held_out
 

@@ -179,7 +179,7 @@ def generations(
     total = settings.search.generations
     kinds = settings.candidates
     work = unit * (settings.search.walks + rechecks(kinds))
-    progress.work(work * sum(firsts))
+    progress.past(work * sum(firsts))
     if min(firsts) >= total:
         return found
     step = build(states[0].space)

@@ -11,3 +11,4 @@ class Progress(NamedTuple):
 
     stage: Callable[[str], None]
     work: Callable[[float], None]  # units done since the last call
+    past: Callable[[float], None] = lambda units: None  # done before, in no time

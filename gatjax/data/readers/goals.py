@@ -2,12 +2,12 @@
 
 `joint_trajectory_controller` of ros2_control (spline interpolation) goes straight from
 point to point, and on cubics where the points have speeds. A new trajectory takes over
-when it comes, from where the commands are then.
+when it comes, from where the commands are then, or the joints where there are none.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -60,12 +60,22 @@ def goal_of(body: Any, begin: float) -> Goal:
     return Goal(tuple(body.joint_names), begin, begin + time, place, speed)
 
 
-def followed(goals: Sequence[Goal], joints: Sequence[str]) -> Path:
+def followed(
+    goals: Sequence[Goal], joints: Sequence[str], seen: Callable[[str, float], float]
+) -> Path:
     """The commands of goals in the order in which they came; each ends the one before.
 
     Where a goal takes over before its first point, the commands go there from where
-    they are; before the first goal of all nobody knows (NaN). Joints that a goal does
-    not name stay where they are.
+    they are; from where the joint is, if it had none. Joints that a goal does not name
+    stay where they are.
+
+    Args:
+        goals: in the order in which they came.
+        joints: that any of them names.
+        seen: angle of a joint at a time, s; NaN where it was not measured.
+
+    Returns:
+        Commands; NaN where nobody knows them.
     """
     ends = [np.inf]
     for goal in goals[:0:-1]:
@@ -75,7 +85,9 @@ def followed(goals: Sequence[Goal], joints: Sequence[str]) -> Path:
     for goal, end in zip(goals, ends[::-1], strict=True):
         if goal.begin >= end:
             continue  # another one came before it began
-        before = _path(_joined(before, _every(goal, joints, before)))
+        begun = np.array([seen(name, goal.begin) if name in goal.joints else np.nan
+                          for name in joints])  # fmt: skip
+        before = _path(_joined(before, _every(goal, joints, before), begun))
         own = before.time < end
         parts.append(Path(before.time[own], before.position[own], before.filled))
     return Path(
@@ -86,8 +98,10 @@ def followed(goals: Sequence[Goal], joints: Sequence[str]) -> Path:
 
 
 def _places(before: Path, time: np.ndarray) -> np.ndarray:
-    """Where commands were, [N, J]."""
-    return np.stack([np.interp(time, before.time, q) for q in before.position.T], 1)
+    """Where commands were, [N, J]; NaN before there were any."""
+    return np.stack(
+        [np.interp(time, before.time, q, left=np.nan) for q in before.position.T], 1
+    )
 
 
 def _every(goal: Goal, joints: Sequence[str], before: Path) -> Goal:
@@ -102,19 +116,22 @@ def _every(goal: Goal, joints: Sequence[str], before: Path) -> Goal:
     return goal._replace(joints=tuple(joints), position=place, velocity=speed)
 
 
-def _joined(before: Path, goal: Goal) -> Goal:
-    """A goal with a point where it takes over, if its own begin later."""
+def _joined(before: Path, goal: Goal, begun: np.ndarray) -> Goal:
+    """A goal with a point where it takes over, if its own begin later.
+
+    Joints without commands until then, as they were measured, begin at `begun` [J].
+    """
     at = np.array([goal.begin - STEP, goal.begin])
     place = _places(before, at)
-    known = np.isfinite(place).all(0)
-    if goal.time[0] <= goal.begin or not known.any():
+    fresh = ~np.isfinite(place).all(0)
+    place[:, fresh] = begun[fresh]
+    if goal.time[0] <= goal.begin or np.isnan(place).all():
         return goal
-    place[:, ~known] = goal.position[:1, ~known]
     speed = goal.velocity
     if speed is not None:
         still = goal.begin >= before.time[-1]
         now = (place[1:] - place[:1]) * (0.0 if still else 1.0 / STEP)
-        speed = np.concatenate([now, speed])
+        speed = np.concatenate([np.nan_to_num(now), speed])
     return Goal(
         goal.joints,
         goal.begin,
@@ -134,7 +151,8 @@ def _path(goal: Goal) -> Path:
         for begin, gap in zip(time[:-1], gaps, strict=True) if gap > FAR
     ]  # fmt: skip
     every = np.sort(np.concatenate([time, *between]))
-    if goal.velocity is not None:
-        return Path(every, CubicHermiteSpline(time, place, goal.velocity)(every), True)
-    straight = [np.interp(every, time, q) for q in place.T]
-    return Path(every, np.stack(straight, 1), True)
+    straight = np.stack([np.interp(every, time, q) for q in place.T], 1)
+    if goal.velocity is None:
+        return Path(every, straight, True)
+    curved = CubicHermiteSpline(time, np.nan_to_num(place), goal.velocity)(every)
+    return Path(every, np.where(np.isnan(straight), np.nan, curved), True)

@@ -98,12 +98,20 @@ class Collector:
             self.kinds[name] = TRAJECTORY
             self.series.setdefault(name, {TIME: Column(), name: Column()})
 
-    def _follow(self, topic: str) -> None:
-        """Put paths of a topic one after the other."""
+    def _follow(self, topic: str, moves: dict[str, float]) -> None:
+        """Put paths of a topic one after the other, clocks moved by `moves`, s."""
         every = dict.fromkeys(
             name for goal in self.goals[topic] for name in goal.joints
         )
-        path = followed(self.goals[topic], list(every))
+        there = {name: self._measured(name, moves) for name in every}
+
+        def seen(joint: str, time: float) -> float:
+            stamps, angles = there[joint]
+            moved = time + moves.get(f"{topic}/position.{joint}", 0.0)
+            near = len(stamps) and stamps[0] - APART <= moved <= stamps[-1] + APART
+            return float(np.interp(moved, stamps, angles)) if near else math.nan
+
+        path = followed(self.goals[topic], list(every), seen)
         if path.filled:
             self.joined.add(topic)
         for joint, values in zip(every, path.position.T, strict=True):
@@ -111,6 +119,16 @@ class Collector:
             stamps, column = self.series[f"{topic}/position.{joint}"].values()
             stamps.add(path.time[known])
             column.add(values[known])
+
+    def _measured(self, joint: str, moves: dict[str, float]) -> Stream:
+        """The angle of a joint on the clock of all, rad; empty if there is none."""
+        for group, series in self.series.items():
+            for name, column in series.items():
+                own = name.endswith(f"/position.{joint}")
+                if own and self.kinds[group] == JOINT_STATE:
+                    time = series[TIME].whole() + moves.get(group, 0.0)
+                    return Stream(time, column.whole())
+        return Stream(np.empty(0), np.empty(0))
 
     def _stamped(self, group: str, stamp: float, logged: float) -> None:
         """Notice how far a clock is behind that of the log."""
@@ -129,7 +147,8 @@ class Collector:
         for group in self.series:
             late = 0.0 if group in self.bare else self.behind.get(group, usual)
             goals = self.kinds[group] == TRAJECTORY
-            if abs(late - usual) > (AHEAD if goals else APART):
+            ahead = goals and group not in self.bare and -AHEAD <= late - usual < 0.0
+            if abs(late - usual) > APART and not ahead:
                 moves[group] = late - usual
                 whose = group.rpartition("/position.")[0] if goals else group
                 notes.append(
@@ -140,9 +159,9 @@ class Collector:
 
     def run(self, path: Path) -> tuple[Run, dict[str, str], list[str]]:
         """All signals from the first stamp on, s; their types; what was done."""
-        for topic in self.goals:
-            self._follow(topic)
         moves, notes = self.clocks(path)
+        for topic in self.goals:
+            self._follow(topic, moves)
         notes += [
             f"{path}: {group} left out, its messages differ in length"
             for group in sorted(self.uneven)

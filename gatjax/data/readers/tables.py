@@ -27,7 +27,15 @@ from gatjax.data.recording import check_once
 from gatjax.data.spill import Column, release
 
 SUBJECTS = ("joint", "name", "signal", "joint_name")  # columns of text in long tables
+DECIMAL = re.compile(rb'[ "]*[-+]?\d*,\d+([eE][-+]?\d+)?[ "]*')
 PIECE = 1 << 22  # bytes, or a hundredth of that many rows, that are read at a time
+
+
+class Marks(NamedTuple):
+    """How a table is written."""
+
+    between: str  # cells
+    point: str  # of decimals
 
 
 class Words(NamedTuple):
@@ -47,17 +55,25 @@ def read(path: Path, tell: Tell, given: Given) -> Source:
         ValueError: one line: not a table, no time, text among the numbers.
     """
     try:
+        marks = _marks(path)
         try:
-            numbers, words, left = _columns(path, tell, given, pa.float64())
+            numbers, words, left = _columns(path, tell, given, marks, pa.float64())
         except pa.ArrowInvalid:  # what was empty first is text later
-            numbers, words, left = _columns(path, tell, given, pa.string())
+            numbers, words, left = _columns(path, tell, given, marks, pa.string())
     except (pa.ArrowException, UnicodeDecodeError, OSError) as error:
         line = str(error).splitlines()[0]
         raise ValueError(f"{path}: not a readable table: {line}") from error
-    _check_texts(path, words)
+    _check_texts(path, words, marks.point)
     names = [*numbers, *words, *left]
     stamp = stamps_of(numbers, given)
     if stamp is None or len(numbers[stamp]) == 0:
+        said = stamps_of(words, given)
+        first = words[said].names[:1] if said else []
+        if first:
+            raise ValueError(
+                f"{path}: column {said!r} holds text, such as {first[0]!r}; stamps are "
+                f"numbers, or dates with the time of day"
+            )
         raise ValueError(
             f"{path}: no rows, or no column of time ({given.time or ', '.join(TIMES)});"
             f" it has {', '.join(names)}"
@@ -91,10 +107,10 @@ def read(path: Path, tell: Tell, given: Given) -> Source:
     return Source(str(path), kind, runs, draft, facts, notes)
 
 
-def _check_texts(path: Path, words: dict[str, Words]) -> None:
+def _check_texts(path: Path, words: dict[str, Words], point: str) -> None:
     """Refuse a column of numbers with a few texts among them."""
     for name, column in words.items():
-        odd = [k for k, text in enumerate(column.names) if not _parses(text)]
+        odd = [k for k, text in enumerate(column.names) if _number(text, point) is None]
         if name not in SUBJECTS and 0 < len(odd) < 0.5 * len(column.names):
             row = int(np.flatnonzero(np.isin(column.codes, odd))[0])
             text = column.names[int(column.codes[row])]
@@ -105,13 +121,12 @@ def _check_texts(path: Path, words: dict[str, Words]) -> None:
             )
 
 
-def _parses(text: str) -> bool:
-    """Whether a cell is a number, or empty."""
+def _number(text: str, point: str) -> float | None:
+    """The number of a cell, NaN of an empty one; None if it is another text."""
     try:
-        float(text or "0")
+        return float(text.replace(point, ".")) if text else np.nan
     except ValueError:
-        return False
-    return True
+        return None
 
 
 def _known(path: Path, name: str, values: np.ndarray) -> np.ndarray:
@@ -139,7 +154,7 @@ def _emptied(path: Path, runs: list[Run], names: Iterable[str], rows: int) -> li
 
 
 def _columns(
-    path: Path, tell: Tell, given: Given, empty: pa.DataType
+    path: Path, tell: Tell, given: Given, marks: Marks, empty: pa.DataType
 ) -> tuple[dict[str, np.ndarray], dict[str, Words], list[str]]:
     """Columns of numbers [N] and of texts, and the names of those of neither.
 
@@ -149,8 +164,9 @@ def _columns(
     words: dict[str, list[np.ndarray]] = {}
     seen: dict[str, dict[str, int]] = {}
     left: dict[str, None] = {}
-    for batch in _batches(path, tell, given, empty):
-        for name, column in zip(batch.schema.names, batch.columns, strict=True):
+    for batch in _batches(path, tell, given, marks, empty):
+        for own_name, column in zip(batch.schema.names, batch.columns, strict=True):
+            name = own_name.strip()
             if pa.types.is_dictionary(column.type):
                 column = column.dictionary_decode()
             kind = column.type
@@ -159,7 +175,8 @@ def _columns(
                 coded = column.dictionary_encode()
                 own = [known.setdefault(str(n), len(known)) for n in coded.dictionary]
                 codes = coded.indices.fill_null(-1).to_numpy(zero_copy_only=False)
-                words.setdefault(name, []).append(np.append(own, -1)[codes])
+                places = np.array([*own, -1], np.int64)
+                words.setdefault(name, []).append(places[codes])
             elif _is_number(kind):
                 numbers.setdefault(name, Column()).add(_floats(column))
             else:
@@ -167,10 +184,9 @@ def _columns(
     found = {name: column.whole() for name, column in numbers.items()}
     texts = {n: Words(list(seen[n]), np.concatenate(words.pop(n))) for n in list(words)}
     for name in [n for n in texts if n not in SUBJECTS]:
-        if all(map(_parses, texts[name].names)):
-            said, codes = texts.pop(name)
-            values = [float(text) if text else np.nan for text in said]
-            found[name] = np.array([*values, np.nan])[codes]
+        values = [_number(text, marks.point) for text in texts[name].names]
+        if values and None not in values:
+            found[name] = np.array([*values, np.nan], float)[texts.pop(name).codes]
     return found, texts, list(left)
 
 
@@ -185,15 +201,17 @@ def _floats(column: pa.Array) -> np.ndarray:
 
 def _wanted(path: Path, names: list[str], given: Given) -> list[str]:
     """Columns that are to be read, of those that a table has."""
-    check_once(path, names)
+    plain = [name.strip() for name in names]
+    check_once(path, plain)
     needed = (*TIMES, given.time, given.run)
     return [
-        n for n in names if n.lower() in needed or n in needed or not given.skips(n)
-    ]
+        name for name, n in zip(names, plain, strict=True)
+        if n.lower() in needed or n in needed or not given.skips(n)
+    ]  # fmt: skip
 
 
 def _batches(
-    path: Path, tell: Tell, given: Given, empty: pa.DataType
+    path: Path, tell: Tell, given: Given, marks: Marks, empty: pa.DataType
 ) -> Iterator[pa.RecordBatch]:
     """The rows of a table, piece by piece, without columns that are not wanted."""
     if path.suffix.lower() == ".parquet":
@@ -207,16 +225,15 @@ def _batches(
                     tell(done / every)
         return
     size, block = max(path.stat().st_size, 1), csv.ReadOptions(block_size=PIECE)
-    mark, point = _marks(path)
-    form = csv.ParseOptions(delimiter=mark)
-    plain = csv.ConvertOptions(decimal_point=point)
+    form = csv.ParseOptions(delimiter=marks.between)
+    plain = csv.ConvertOptions(decimal_point=marks.point)
     with csv.open_csv(path, block, form, plain) as first:
         wanted = _wanted(path, first.schema.names, given)
         kinds = {f.name: _kind_to_be(f.type, empty) for f in first.schema}
     with path.open("rb") as file:
         types = csv.ConvertOptions(  # 0, 1, 2.5: no column of int
             column_types=kinds,
-            decimal_point=point,
+            decimal_point=marks.point,
             include_columns=wanted,
             strings_can_be_null=True,
         )
@@ -226,13 +243,17 @@ def _batches(
                 tell(min(file.tell() / size, 1.0))
 
 
-def _marks(path: Path) -> tuple[str, str]:
-    """What stands most often between the names of a CSV, and its decimal point."""
+def _marks(path: Path) -> Marks:
+    """What stands most often between the names of a CSV, and in its first numbers."""
+    if path.suffix.lower() == ".parquet":
+        return Marks("", ".")
     with path.open("rb") as file:
-        head, first = file.readline(1 << 20), file.readline(1 << 20)
-    mark = max(",;\t", key=lambda mark: head.count(mark.encode()))
-    comma = mark != "," and re.search(rb"\d,\d", first)
-    return mark, "," if comma else "."
+        head, first = file.readline(1 << 20), file.read(1 << 20)
+    between = max(",;\t", key=lambda mark: head.count(mark.encode()))
+    cells = re.split(rf"[{between}\r\n]".encode(), first)
+    commas = sum(bool(DECIMAL.fullmatch(cell)) for cell in cells)
+    points = sum(bool(DECIMAL.fullmatch(cell.replace(b".", b","))) for cell in cells)
+    return Marks(between, "," if commas > points - commas else ".")
 
 
 def _kind_to_be(kind: pa.DataType, empty: pa.DataType) -> pa.DataType:
