@@ -49,12 +49,12 @@ def chirped(seconds, rate=50.0):
 def test_long_logs_become_pieces_from_calm_to_lively():
     logs = [chirped(120.0), chirped(240.0)]
     first, second = excerpt(logs, 20)
-    assert len(lasts(first)) == 4 and len(lasts(second)) == 7
+    assert len(lasts(first)) == 3 and len(lasts(second)) == 7
     for cut in (first, second):
         assert lasts(cut) == pytest.approx([PIECE] * len(lasts(cut)), abs=0.03)
         assert cut.time == pytest.approx(cut.columns["time"])
-    middles = [first.time[first.trajectory == k].mean() for k in range(4)]
-    assert middles == pytest.approx([15.0, 45.0, 75.0, 105.0], abs=0.05)
+    middles = [first.time[first.trajectory == k].mean() for k in range(3)]
+    assert middles == pytest.approx([21.0, 63.0, 105.0], abs=0.05)
 
 
 def test_a_log_that_is_calm_but_for_a_moment_keeps_that_moment():
@@ -170,3 +170,22 @@ def test_many_short_runs_are_as_long_together_as_is_told(seconds):
     assert "60 s of them" in (shortened([many], 10) or "")
     (found,) = excerpt([many], 10)
     assert sum(lasts(found)) == pytest.approx(60.0, abs=6.0)
+
+
+@pytest.mark.parametrize(
+    ("runs", "most"), [((17.0,) * 9, 60.0), ((120.0, *(20.0,) * 3), 60.0)]
+)
+def test_runs_have_as_many_pieces_as_there_is_time_for(runs, most):
+    found = excerpt([log(*runs)], 10)
+    seconds = sum(sum(lasts(each)) for each in found)
+    assert 50.0 < seconds <= most
+    assert f"{seconds:.0f} s of them" in (shortened([log(*runs)], 10) or "")
+
+
+def test_the_end_of_a_run_is_looked_at_if_it_is_lively():
+    time = np.arange(0.0, 11.9, 0.02)
+    angle = np.where(time < 7.0, 0.0, np.sin(9.0 * time))
+    every = log(*[time[-1]] * 14)
+    every = every._replace(columns={"position.a": np.tile(angle, 14)})
+    (found,) = excerpt([every], 10)
+    assert np.ptp(found.columns["position.a"]) > 1.9

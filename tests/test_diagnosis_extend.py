@@ -339,6 +339,17 @@ def test_no_more_is_taken_from_a_joint_than_it_has_itself() -> None:
     assert world_values(judge, claim)["torque"] == pytest.approx(-own)
 
 
+@pytest.mark.parametrize(("most", "kept"), [(0.3, 3), (0.2, 0)])
+def test_corrections_of_a_joint_are_kept_together(most: float, kept: int) -> None:
+    """Fitted together, what is less than the rest makes up for it."""
+    fit = start_fit(CAUSES[0], np.zeros(9))._replace(hypothesis=None, x=np.zeros(COUNT))
+    for name, x in (("kp", most), ("kv", 0.1), ("damping", -0.1)):
+        fit.x[TOLERANCES.index(name)] = x
+    judge = judged(STRONG)
+    judge.known = [fit]
+    assert len(calibration(Verdict("none", [], [], None, [], judge))) == kept
+
+
 def test_a_number_that_a_cause_sets_is_not_corrected_besides() -> None:
     """What a tolerance had taken on before the cause was named has no effect."""
     [less] = [h for h in CAUSES if h.law == ("armature", "less than nominal")]
@@ -413,6 +424,18 @@ def test_two_asymmetric_frictions_are_one(tmp_path: Path) -> None:
     both = {row["where"][0]: row["values"] for row in rows}
     assert both["lift"] == pytest.approx({"torque": 0.15, "viscous": 0.1})
     assert both["turn"] == pytest.approx(one)
+
+
+def test_asymmetric_frictions_of_opposite_directions_stay_two(tmp_path: Path) -> None:
+    """Known 0.3 forwards, found 0.3 backwards: dry friction, not none."""
+    world = arm(tmp_path)
+    one = {"torque": 0.3, "viscous": 0.4}
+    world = add_cause(world, "asymmetric_friction", ["lift"], one)
+    found = [{"cause": "asymmetric_friction", "where": ["lift"],
+              "values": {"torque": -0.2, "viscous": -0.3}}]  # fmt: skip
+    rows = [row["values"] for row in claimed(judged(STRONG), [], world, found).causes]
+    assert rows[0] == pytest.approx({"torque": 0.3, "viscous": 0.1})
+    assert rows[1:] == [{"torque": -0.2, "viscous": 0.0}]
 
 
 def test_a_limit_that_a_joint_has_is_not_written_beside_its_servos(tmp_path) -> None:

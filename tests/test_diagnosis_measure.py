@@ -102,6 +102,35 @@ def test_commands_of_another_rate_are_as_late_as_they_were(tmp_path, rate):
     assert np.abs(found - seen)[:-2].max() < 4e-3
 
 
+@pytest.mark.parametrize("jitter", [0.0, 5e-4, 2e-3])
+def test_commands_whose_stamps_wander_are_as_late_as_they_were(tmp_path, jitter):
+    """Sleeps that add up: stamps come anywhere between ticks of their mean period."""
+    path = tmp_path / "arm.xml"
+    path.write_text(MODEL)
+    fine = nominal(Task(control_period=1e-3), path)
+    steps = np.random.default_rng(3).normal(10.0, 1e3 * jitter, 1000)
+    stamps = 1e-3 * np.cumsum(np.maximum(np.round(steps), 2.0))
+    stamps -= stamps[0]
+    every = 1e-3 * np.arange(int(1e3 * stamps[-1]))
+    told = 0.5 * np.sin(5.6 * stamps)[:, None]
+    held = told[np.searchsorted(stamps, every + 1e-9, side="right") - 1]
+    (angle,) = measure.whole_log(fine, [JointRun(0, every, held, 0.0 * held)])
+    seen = np.interp(stamps, every, angle[:, 0])[:, None]
+    run = JointRun(0, stamps, told, seen)
+    world = nominal(Task(control_period=measure.mean_period([stamps])), path)
+    (found,) = measure.whole_log(world, [run])
+    assert np.sqrt(np.square(found - seen)[:-2].mean()) < 1.5e-3
+
+
+def test_rows_a_second_apart_are_predicted_by_one():
+    time = 1.0 * np.arange(12)
+    run = JointRun(0, time, np.zeros((12, 1)), np.zeros((12, 1)))
+    cut = ahead.windows([run], 1.0)
+    assert cut is not None
+    errors = ahead.window_errors(cut, 0.0 * cut.angle[:, -1:], 0.5, 1.0)
+    assert errors.squared.shape == (len(cut.angle), 1) and not errors.squared.any()
+
+
 def test_a_speed_is_taken_over_a_time_and_not_over_rows():
     draw = np.random.default_rng(0)
     assert [measure.back(1.0 / rate) for rate in (50, 100, 1000)] == [6, 6, 60]

@@ -152,6 +152,9 @@ def test_a_simulation_that_gave_up_is_told_from_one_at_rest() -> None:
     ("old", "new", "said"),
     [
         ('kv="1" ', 'kv="1" gear="3" ', "'arm' has a gear"),
+        ('kv="1" ', 'kv="1" damping="0.5" ', "damping or armature of its own"),
+        ('kv="1" ', 'kv="1" armature="0.1" ', "damping or armature of its own"),
+        ('kv="1" ', 'kv="1" delay="0.02" nsample="20" ', "has a delay; take it out"),
         ('"-6 6"', '"-6 4"', "'arm' has a torque limit (forcerange, or act"),
         ('"left" axis="0 0 1"', '"left" type="slide"', "'left' drives no hinge"),
         ("<equality>", '<equality><connect body1="a" anchor="0 0 0"/>', "closes a"),

@@ -103,6 +103,16 @@ def test_a_joint_that_hunts_has_the_noise_of_those_that_do_not(neighbours, expec
     assert expected or found[0] > 1.5e-3  # nobody to ask
 
 
+@pytest.mark.parametrize("rows", [4, 7, 18, 22])
+def test_runs_of_a_few_rows_have_noise(rows):
+    rng = np.random.default_rng(0)
+    few = 7e-4 * rng.normal(size=(rows, 2))
+    many = 7e-4 * rng.normal(size=(200, 2))
+    runs = [JointRun(0, 0.3 * np.arange(len(each)), each, each) for each in (few, many)]
+    found = noise.of_joints(runs)
+    assert (3e-4 < found).all() and (found < 1.2e-3).all()
+
+
 def test_a_joint_of_a_noisier_encoder_keeps_its_noise():
     rng, time = np.random.default_rng(0), 0.01 * np.arange(1000)
     calm = 0.3 * np.sin(2.0 * time)

@@ -40,7 +40,7 @@ def windows(runs: list[JointRun], period: float) -> Windows | None:
 
     None of them lacks a row.
     """
-    warm, length = warming(period), round(0.5 / period)
+    warm, length = warming(period), max(1, round(0.5 / period))
     stride, rows = max(1, round(STRIDE / period)), []
     for number, run in enumerate(runs):
         for first in range(0, len(run.time) - warm - length, stride):

@@ -21,11 +21,15 @@ PIECE = 6.0  # s
 OUTSTANDING = 3.0  # times the speed of the middle of a part
 
 
+def _lasting(logs: Sequence[Recording]) -> float:
+    """How long logs are, s."""
+    return float(sum(log.time[rows][-1] - log.time[rows][0]
+                     for log in logs for rows in _runs(log)))  # fmt: skip
+
+
 def _enough(logs: Sequence[Recording], joints: int) -> tuple[float, float]:
     """How long logs are, s, and how much of them is looked into."""
-    lasts = [log.time[rows][-1] - log.time[rows][0]
-             for log in logs for rows in _runs(log)]  # fmt: skip
-    whole, enough = float(sum(lasts)), max(ENOUGH, JOINTS / joints)
+    whole, enough = _lasting(logs), max(ENOUGH, JOINTS / joints)
     return whole, enough if whole > LONG * enough else whole
 
 
@@ -34,9 +38,10 @@ def shortened(logs: Sequence[Recording], joints: int) -> str | None:
     whole, enough = _enough(logs, joints)
     if enough == whole:
         return None
+    some = _lasting(excerpt(logs, joints))
     return (
         f"the logs to be explained last {whole:.0f} s: causes are looked for in "
-        f"{enough:.0f} s of them, pieces of up to {PIECE:.0f} s from calm to lively; "
+        f"{some:.0f} s of them, pieces of up to {PIECE:.0f} s from calm to lively; "
         f"for what builds up over minutes give a shorter log"
     )
 
@@ -59,7 +64,8 @@ def excerpt(logs: Sequence[Recording], joints: int) -> list[Recording]:
     shares = lasts / lasts.sum() * enough / np.clip(lasts, 1e-3, PIECE)
     many = len(runs) > enough / PIECE
     thinned = np.diff(np.floor(np.cumsum(shares) + 0.5), prepend=0.0)
-    counts = (thinned if many else np.ceil(shares)).astype(int).tolist()
+    some = np.maximum(np.rint(shares), 1.0)
+    counts = (thinned if many else some).astype(int).tolist()
     out = []
     for log in logs:
         mine = [(rows, n) for (one, rows), n in zip(runs, counts, strict=True)
@@ -87,8 +93,8 @@ def _runs(log: Recording) -> list[np.ndarray]:
 
 
 def _tiled(time: np.ndarray, rows: np.ndarray) -> list[np.ndarray]:
-    """Rows of a run in pieces that do not overlap; a short one is whole."""
-    tiles = max(int((time[-1] - time[0]) / PIECE + 1e-9), 1)
+    """Rows of a run in pieces that cover it; a short one is whole."""
+    tiles = max(int(np.ceil((time[-1] - time[0]) / PIECE - 1e-9)), 1)
     length = min(PIECE, time[-1] - time[0])
     begins = time[0] + np.linspace(0.0, time[-1] - time[0] - length, tiles)
     return [

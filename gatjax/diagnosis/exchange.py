@@ -158,16 +158,15 @@ def instead(
     bad = [k for k in last if not adequate(judge, k)]
     many, two = len(causes) - start > 2, len(causes) - start == 2
     (prior, claims), tried = before[start], causes[start].claim
-    poor = two and any(
-        judge.known[k].rms() > POOR * judge.joints[k].noise for k in last
-    )
+    poor = [k for k in last if judge.known[k].rms() > POOR * judge.joints[k].noise]
+    poor = poor if two else []
     room = len(prior.accepted) == start and start + 2 <= judge.most
     alone = all(set(c.claim.fits) <= last for c in causes[start:])
     if not (room and alone and len(last) <= LOCAL and (bad or many or poor)):
         return judge, causes
     name = frozenset({tried.hypothesis.cause})
     others = [claim for claim in claims if not alike(claim, tried, name)]
-    couple = pairs.couple(prior, others, min(bad or last))
+    couple = pairs.couple(prior, others, min(bad or poor or last))
     trial, both = coupled(prior, couple) if couple else (judge, [])
     drawn = len(trial.case.pulled) > len(judge.case.pulled)
     fits = both and not drawn and all(adequate(trial, k) for k in last)

@@ -24,7 +24,7 @@ from gatjax.sim import world as worlds
 from gatjax.sim.world import World
 
 TIMESTEP = 5e-4  # s: a position servo's angle is off by its motion in half a step
-LEAST = 0.25  # of its tolerance, the usual one at most: less is left out
+LEAST = 0.25  # of its tolerance, the usual one at most: joints off by less are left
 OF = {"zero_in": "zero", "zero_out": "zero", "delay": "late"}  # in `Tolerances`
 OWN = {  # fields of a driven joint alone; others may be tied to it
     "armature": "dof_armature", "coulomb_friction": "dof_frictionloss",
@@ -128,22 +128,22 @@ def effects(judge: Judge, claim: Claim) -> list[tuple[str, list[str], dict]]:
 
 
 def calibration(verdict: Verdict) -> list[Row]:
-    """Corrections of nominal numbers within their tolerances, as rows of a world."""
+    """Corrections of nominal numbers within their tolerances, as rows of a world.
+
+    Of a joint all or none: fitted together, they make up for each other.
+    """
     rows: list[Row] = []
     model = verdict.judge.case.model
     for joint, fit in zip(verdict.judge.joints, verdict.judge.known, strict=True):
         if joint.index in verdict.unexplained:
             continue  # its tolerances imitate what is not known
-        x = dict(zip(TOLERANCES, fit.x[:COUNT], strict=True))
-        for name, (cause, value, more) in _corrections(joint, fit, model).items():
-            size = getattr(joint.allowed, OF.get(name, name)) * abs(x[name])
-            small = size < LEAST * getattr(USUAL, OF.get(name, name))
-            sooner = name == "delay" and value < 0.0
-            unheard = name == "zero_in" and not joint.servoed
-            boundless = name == "limit" and not joint.limited
-            idle = sooner or unheard or boundless or set_by_cause(joint, fit, name)
-            if (small and abs(x[name]) < LEAST) or idle:
-                continue
+        own = {
+            name: row for name, row in _corrections(joint, fit, model).items()
+            if not _idle(joint, fit, name, *row[:2])
+        }  # fmt: skip
+        if not any(_tells(joint, fit, name) for name in own):
+            continue
+        for cause, value, more in own.values():
             values = {CATALOGUE[cause].main.name: float(value)} | more
             rows.append(
                 {"cause": cause, "where": [joint.name], "values": values,
@@ -151,6 +151,23 @@ def calibration(verdict: Verdict) -> list[Row]:
             )  # fmt: skip
     # in an order in which they share effects
     return sorted(rows, key=lambda row: (row["cause"], len(row["values"])))
+
+
+def _tells(joint: Joint, fit: Fit, name: str) -> bool:
+    """Whether a number is off by what its tolerance makes worth telling."""
+    size, of = abs(fit.x[TOLERANCES.index(name)]), OF.get(name, name)
+    own, usual = getattr(joint.allowed, of), getattr(USUAL, of)
+    return bool(size >= LEAST or own * size >= LEAST * usual)
+
+
+def _idle(joint: Joint, fit: Fit, name: str, cause: str, value: float) -> bool:
+    """Whether a correction is none, of what a joint has not, or what a cause sets."""
+    neutral = CATALOGUE[cause].neutral
+    none = bool(fit.x[TOLERANCES.index(name)] == 0.0 or value == neutral)
+    sooner = name == "delay" and value < 0.0
+    unheard = name == "zero_in" and not joint.servoed
+    boundless = name == "limit" and not joint.limited
+    return none or sooner or unheard or boundless or set_by_cause(joint, fit, name)
 
 
 def set_by_cause(joint: Joint, fit: Fit, name: str) -> bool:
@@ -239,9 +256,10 @@ def claimed(
 
 
 def _merged(rows: list[Row], names: Sequence[str]) -> list[Row]:
-    """Rows with one asymmetric friction a joint: of two the viscous parts add up.
+    """Rows with one asymmetric friction a joint and direction.
 
-    By themselves a positive and a negative one would each damp a direction.
+    Viscous parts add up, as in the simulated joint; by themselves a positive and a
+    negative one would each damp a direction.
     """
     cause = "asymmetric_friction"
     own = [
@@ -252,9 +270,12 @@ def _merged(rows: list[Row], names: Sequence[str]) -> list[Row]:
     groups: dict[tuple[float, float], list[str]] = {}
     for name in names:
         here = [values for where, values in own if {name, "all"} & {*where}]
-        total = sum(v["torque"] for v in here), sum(v["viscous"] for v in here)
-        if any(total):
-            groups.setdefault(total, []).append(name)
+        viscous = sum(v["viscous"] for v in here)
+        ways = [sum(v["torque"] for v in here if way * v["torque"] > 0.0)
+                for way in (1.0, -1.0)]  # fmt: skip
+        for torque in sorted(filter(None, ways), key=abs, reverse=True):
+            groups.setdefault((torque, viscous), []).append(name)
+            viscous = 0.0  # once
     return [row for row in rows if row["cause"] != cause] + [
         {
             "cause": cause,

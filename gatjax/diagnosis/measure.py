@@ -55,13 +55,16 @@ def mean_period(stamps: Sequence[np.ndarray]) -> float:
 def ticked(run: JointRun, period: float) -> JointRun:
     """What was in force at even ticks of a run; time from 0.
 
-    Commands of a run at another rate come between ticks: of these the mean counts.
+    Commands of a run at another rate, or whose stamps wander, come between ticks: of
+    these the mean counts.
     """
     stamps = run.time - run.time[0]
     even = np.arange(int(np.ceil(stamps[-1] / period - 1e-6)) + 1) * period
     held = np.searchsorted(stamps, even + STRAY * period, side="right") - 1
-    told, run = run.command, run.part(np.maximum(held, 0))._replace(time=even)
-    if abs(mean_period([stamps]) / period - 1.0) * len(stamps) < STRAY:
+    told, begun = run.command, np.diff(held, prepend=-1) > 0
+    run = run.part(held)._replace(time=even)
+    astray = np.abs(even - stamps[held])[begun].max() > STRAY * period
+    if begun.sum() == len(stamps) and not astray:
         return run
     return run._replace(command=_mean(stamps, told, even, period))
 

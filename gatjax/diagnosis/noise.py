@@ -41,9 +41,11 @@ def noise_of(runs: list[JointRun]) -> np.ndarray:
     """
     levels = []
     for run in runs:
-        third, sixth = _level(run, 3, SPREAD), _level(run, 6, SIXTH)
-        slow = float(np.median(np.diff(run.time))) > SLOW
-        levels.append(np.where(slow & (sixth < LEAKS * third), sixth, third))
+        level = _level(run, 3, SPREAD)
+        if np.median(np.diff(run.time)) > SLOW and len(run.time) > 6:
+            sixth = _level(run, 6, SIXTH)
+            level = np.where(sixth < LEAKS * level, sixth, level)
+        levels.append(level)
     return np.mean(np.maximum(levels, np.maximum(_rounding(runs), 1e-5)), axis=0)
 
 
@@ -70,6 +72,8 @@ def _correlation(run: JointRun) -> np.ndarray:
 
     In shares of what white noise does not reach.
     """
+    if len(run.angle) < 3 + BLOCK:
+        return np.zeros(run.angle.shape[1])
     third, calm = _calm(run)
     last = round(PERIOD / float(np.median(np.diff(run.time))))
     found = np.zeros(third.shape[1])

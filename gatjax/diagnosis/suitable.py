@@ -76,7 +76,11 @@ def _check_drives(model: mujoco.MjModel, path: Path) -> None:
         & (kp > 0.0)
         & (np.isclose(kp, -position) | (position == 0.0))
     )
-    hinge = model.jnt_type[model.actuator_trnid[:, 0]] == mujoco.mjtJoint.mjJNT_HINGE
+    joints = model.actuator_trnid[:, 0]
+    shared = np.array([(joints[:k] == joint).any() for k, joint in enumerate(joints)])
+    apart = (model.actuator_damping != 0.0) | (model.actuator_armature != 0.0)
+    curved = model.dof_dampingpoly[model.jnt_dofadr[joints]].any(axis=1)
+    hinge = model.jnt_type[joints] == mujoco.mjtJoint.mjJNT_HINGE
     low, high = model.actuator_forcerange.T
     lopsided = model.actuator_forcelimited.astype(bool) & ~np.isclose(-low, high)
     for wrong, text in (
@@ -87,6 +91,13 @@ def _check_drives(model: mujoco.MjModel, path: Path) -> None:
          "are those of hinges: lock other joints, or leave them out"),
         (~np.isclose(model.actuator_gear[:, 0], 1.0), "has a gear; take it out, and "
          "give kp, kv and forcerange as the joint feels them"),
+        (shared, "drives a joint that another one drives, too; logs have one command "
+         "of each joint: put both together"),
+        (apart | model.actuator_dampingpoly.any(axis=1), "has damping or armature of "
+         "its own; add them to those of its joint"),
+        (curved, "drives a joint whose damping is a polynomial; give it one number"),
+        (model.actuator_delay > 0.0, "has a delay; take it out, and give the "
+         "world.json that knows it as --world"),
         (lopsided, "has a torque limit (forcerange, or actuatorfrcrange of its joint) "
          "that is not symmetric; give the smaller limit on both sides"),
     ):  # fmt: skip
