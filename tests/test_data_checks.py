@@ -62,6 +62,26 @@ def test_good_log_gets_facts_only(seed):
     }
 
 
+def test_noise_is_told_from_motion():
+    """In trajectories that take turns, and at few rows a second."""
+    one, other = log(), log(seed=1)
+    order = np.argsort(np.tile(one.time, 2), kind="stable")
+    turns = Recording(
+        "turns", np.concatenate([one.time, other.time])[order],
+        np.repeat([0, 1], len(one.time))[order],
+        {c: np.concatenate([v, other.columns[c]])[order]
+         for c, v in one.columns.items()},
+        one.metadata,
+    )  # fmt: skip
+    draw, time = np.random.default_rng(0), np.arange(0.0, 40.0, 0.05)
+    sweep = 0.5 * np.sin(2.0 * np.pi * (0.2 + 0.015 * time) * time)
+    seen = sweep + 7e-4 * draw.normal(size=len(time))
+    columns = {"command.hip": sweep, "position.hip": seen}
+    slow = Recording("slow", time, np.zeros(len(time), int), columns, {"rate_hz": 20.0})
+    for each, most in ((turns, 1.5e-3), (slow, 1.2e-3)):
+        assert 2e-4 < only(each, "noise", "info").values["hip"] < most
+
+
 def test_numbers_of_a_good_log_are_right():
     good = log()
     rate = only(good, "rate", "info").values

@@ -39,6 +39,12 @@ def column(folder, entry, raw, name="position.LKneePitch"):
         ("current.LKneePitch", "mA", 250.0, 0.25),
         ("torque.LKneePitch", "N cm", 30.0, 0.3),
         ("base.x", "mm", 5.0, 0.005),
+        ("torque.LKneePitch", "N·m", 2.0, 2.0),
+        ("torque.LKneePitch", "N*m", 2.0, 2.0),
+        ("temperature.LKneePitch", "°C", 40.0, 40.0),
+        ("temperature.LKneePitch", "deg C", 40.0, 40.0),
+        ("accelerometer.z", "m/s²", 9.8, 9.8),
+        ("velocity.LKneePitch", "°/s", 180.0, np.pi),
     ],
 )
 def test_units_become_si(tmp_path, name, unit, raw, si):

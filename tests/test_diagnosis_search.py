@@ -226,3 +226,13 @@ def test_rounded_targets_are_looked_at_closely_where_they_promise_something(
         search.scan(one, base, (law,))
         assert len(points) == calls
     assert search.scan(plain, base, ()) == []
+
+
+def test_a_simulation_that_falls_apart_is_left_by_a_step(monkeypatch):
+    """All that it tells is that it did, whatever is changed."""
+    monkeypatch.setattr(fits, "spread", lambda joint: 1e-3)
+    law = next(h for h in OTHERS if h.variant == "quadratic drag")
+    x = np.append(np.zeros(COUNT), law.starts[0])
+    slopes = np.full((50, len(x)), 1e26)
+    fit = fits.Fit(law, x, 1e55, slopes[:, 0], slopes, slopes.T @ slopes, 1.0, False)
+    assert np.isfinite(fits._step(joint(np.sin), fit, 0.0)).all()

@@ -51,7 +51,8 @@ def findings(recording: Recording, ranges: Ranges, role: Role) -> list[Finding]:
     runs = [_powered(run) for run in to_arrays(recording, joints)]
     position = {joint: recording.columns[f"position.{joint}"] for joint in joints}
     steps = {joint: sampling.encoder_step(position[joint]) for joint in joints}
-    noise = {joint: sampling.noise_of(position[joint]) for joint in joints}
+    noise = {joint: sampling.noise_of([run.angle[:, k] for run in runs])
+             for k, joint in enumerate(joints)}  # fmt: skip
     follows = recording.command_unit == ANGLE
     moves = excitation.moves_of(runs, joints, steps)
     if not follows:  # any command will do that moves the joint

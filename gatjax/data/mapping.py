@@ -176,10 +176,18 @@ def column_map(tree: Any, name: str) -> ColumnMap:
     )
 
 
+def spelled(unit: str) -> str:
+    """A unit as gatjax writes it: N·m and N*m are N m, °C is degC, m/s² m/s^2."""
+    plain = unit.translate(
+        {ord("·"): " ", ord("⋅"): " ", ord("*"): " ", ord("²"): "^2"}
+    )
+    return plain.replace("deg C", "degC").replace("°C", "degC").replace("°", "deg")
+
+
 def _command_unit(columns: dict[Any, Any], name: str) -> dict[str, str]:
     """Metadata `command_unit` if commands are torques or voltages."""
     units = [
-        entry.get("unit", "rad") if isinstance(entry, dict) else "rad"
+        spelled(str(entry.get("unit", "rad"))) if isinstance(entry, dict) else "rad"
         for column, entry in columns.items()
         if str(column).startswith("command.")
     ]
@@ -263,7 +271,7 @@ def _entry(column: str, entry: Any, where: str) -> Entry:
         raise ValueError(f"{where}: from is {source!r}; put the column name in quotes")
     if source.count("*") != column.count("*") or column.count("*") > 1:
         raise ValueError(f"{where}: one star in the column needs one star in 'from'")
-    unit = str(entry.get("unit", next(iter(units))))
+    unit = spelled(str(entry.get("unit", next(iter(units)))))
     if unit not in units:
         raise ValueError(
             f"{where}: unit {unit!r} is unknown for {' or '.join(kinds)}; "

@@ -11,6 +11,7 @@ from typing import Any
 import pyarrow as pa
 from pyarrow import parquet
 
+from gatjax.data.mapping import spelled
 from gatjax.runs import read_json
 
 ANGLE = "rad"
@@ -49,6 +50,8 @@ def in_one_form(raw: Mapping[str, Any], file: str) -> dict[str, Any]:
         raise ValueError(
             f"{file}: metadata base is {metadata['base']!r}; it is fixed or floating"
         )
+    if "command_unit" in metadata:
+        metadata["command_unit"] = spelled(metadata["command_unit"])
     if metadata.get("command_unit", ANGLE) not in COMMAND_UNITS:
         raise ValueError(
             f"{file}: metadata command_unit is {metadata['command_unit']!r}; it is one "

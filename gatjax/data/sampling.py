@@ -228,15 +228,23 @@ def encoder_step(values: np.ndarray) -> float:
     return step if fits.mean() > 0.95 and apart.size < 0.9 * values.size else 0.0
 
 
-def noise_of(values: np.ndarray) -> float:
-    """Noise, rad, of a reading [N], from the calmer quarter of its second differences.
+def noise_of(runs: Sequence[np.ndarray]) -> float:
+    """Noise, rad, of readings [N] of runs, from the calmer quarter of differences.
 
-    White noise of size s has second differences of size s sqrt(6); motion adds to
-    them, so the calm parts count.
+    White noise of size s has second differences of size s sqrt(6), and sixth ones of
+    s sqrt(924). Motion adds to both, at few rows a second less to sixth ones, so calm
+    parts count, and the smaller.
     """
-    bend = np.diff(values, 2) / np.sqrt(6.0)
-    count = len(bend) // CALM
-    if count == 0:
-        return float(np.std(bend)) if bend.size else 0.0
-    parts = bend[: CALM * count].reshape(count, CALM)
-    return float(np.quantile(np.sqrt(np.mean(np.square(parts), axis=1)), 0.25))
+    least = min(_level(runs, 2, np.sqrt(6.0)), _level(runs, 6, np.sqrt(924.0)))
+    return least if np.isfinite(least) else 0.0
+
+
+def _level(runs: Sequence[np.ndarray], order: int, spread: float) -> float:
+    """What differences of an order tell; infinite where there are none."""
+    bends = [np.diff(values, order) / spread for values in runs]
+    parts = [b[: len(b) // CALM * CALM].reshape(-1, CALM) for b in bends]
+    sizes = np.sqrt(np.mean(np.square(np.concatenate(parts)), axis=1))
+    if not len(sizes):
+        every = np.concatenate(bends)
+        return float(np.std(every)) if every.size else np.inf
+    return float(np.quantile(sizes, 0.25))

@@ -36,7 +36,7 @@ from gatjax.diagnosis.verdict import Verdict, conclude, doubted
 from gatjax.robot import model as robot_model
 from gatjax.runs import write_json
 from gatjax.sim.compiled import on_cpu
-from gatjax.sim.stored import write_world
+from gatjax.sim.stored import carried, write_world
 from gatjax.sim.world import World
 
 
@@ -102,6 +102,7 @@ def diagnose(
     left = None
     if not data.floating:
         left = closeness.left(verdict, data, made["extended"], allowed)
+    made["extended"] = carried(made["extended"], out)
     text = _told(data, verdict, made, pairs, alone, out, tell)
     write_signals(
         out / "signals.parquet", data.joints, data.logs, data.unseen, pairs, verdict

@@ -163,11 +163,12 @@ def _tells(joint: Joint, fit: Fit, name: str) -> bool:
 def _idle(joint: Joint, fit: Fit, name: str, cause: str, value: float) -> bool:
     """Whether a correction is none, of what a joint has not, or what a cause sets."""
     neutral = CATALOGUE[cause].neutral
-    none = bool(fit.x[TOLERANCES.index(name)] == 0.0 or value == neutral)
+    none = fit.x[TOLERANCES.index(name)] == 0.0 or value == neutral
     sooner = name == "delay" and value < 0.0
     unheard = name == "zero_in" and not joint.servoed
     boundless = name == "limit" and not joint.limited
-    return none or sooner or unheard or boundless or set_by_cause(joint, fit, name)
+    wanting = none or sooner or unheard or boundless
+    return bool(wanting) or set_by_cause(joint, fit, name)
 
 
 def set_by_cause(joint: Joint, fit: Fit, name: str) -> bool:

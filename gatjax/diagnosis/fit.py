@@ -28,6 +28,7 @@ LEFT = 1.5  # times the reading noise, that the best model leaves
 FLOOR = 0.9  # of the reading noise: no fit is better
 STEP = 0.15  # of a tolerance, for the finite differences
 FAINT = 1e-6  # prior information on a cause's coordinates, against singular fits
+RIDGE = 1e-12  # of information: simulations that fall apart tell of nothing else
 TRUST = 2.0  # largest change of a tolerance in one iteration
 BORROWED = 3  # iterations with slopes of tolerances that are only updated
 
@@ -242,7 +243,8 @@ def _step(joint: Joint, fit: Fit, damping: float) -> np.ndarray:
     x = fit.x
     for _ in range(3):
         matrix = fit.information[np.ix_(free, free)]
-        diagonal = np.diag(np.diag(matrix)) * damping + 1e-9 * np.eye(len(matrix))
+        own = np.diag(matrix)
+        diagonal = np.diag(own * (damping + RIDGE) + 1e-9)
         move = np.zeros(len(gradient))
         move[free] = -np.linalg.solve(matrix + diagonal, gradient[free])
         x = fit.x + np.clip(move, -trust, trust)

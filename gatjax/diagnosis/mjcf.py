@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -43,10 +44,19 @@ def write_model(path: Path, world: World) -> None:
         compiler = spec.compiler
         compiler.meshdir = str(file.parent / compiler.meshdir)
         compiler.texturedir = str(file.parent / compiler.texturedir)
-    head, _, rest = spec.to_xml().partition("\n")
+    head, _, rest = _near(spec, path).partition("\n")
     path.write_text(
         f"{head}\n{_remarks(world, spec.option.timestep)}{rest}", encoding="utf-8"
     )
+
+
+def _near(spec: mujoco.MjSpec, path: Path) -> str:
+    """The text of a spec, its folders told from that of its file."""
+    text = spec.to_xml()
+    for folder in filter(None, (spec.compiler.meshdir, spec.compiler.texturedir)):
+        near = os.path.relpath(folder, path.parent.resolve())
+        text = text.replace(f'dir="{folder}"', f'dir="{near}"')
+    return text
 
 
 def lacking(world: World) -> list[str]:

@@ -20,7 +20,6 @@ from gatjax.effects.catalogue import CATALOGUE
 SCHEMA = "gatjax.diagnosis/1"
 DRAWS = 48  # of a cause's coordinates, for its interval
 MODEL_ERROR = 0.12  # of a cause's size: its law is a simplification of the robot's
-SHOWN = 25  # candidates in the file
 UNITS = {"no_torque_speed": "rad/s"}
 NUMBERS = {
     "kv": "N*m*s/rad", "damping": "N*m*s/rad", "armature": "kg*m^2", "limit": "N*m",
@@ -138,7 +137,7 @@ def candidates(verdict: Verdict) -> list[dict[str, Any]]:
         where = sum((other.claim.where for other in others), cause.claim.where)
         first = cause.claim._replace(gain=gain, where=where)
         everything = [(first, cause.probability), *cause.rivals]
-        for claim, probability in everything[:SHOWN]:
+        for claim, probability in everything:
             row = _candidate(verdict, claim) | {"probability": round(probability, 4)}
             if others and claim is first:
                 row |= {"parameters": {}, "rms": None}  # no one value or joint
@@ -148,7 +147,7 @@ def candidates(verdict: Verdict) -> list[dict[str, Any]]:
     law = [] if verdict.law is None else [verdict.law]
     rest = law + [claim for claim in verdict.last if claim is not verdict.law]
     unnamed = {"probability": None, "step": len(verdict.causes) + 1}
-    return rows + [_candidate(verdict, claim) | unnamed for claim in rest[:SHOWN]]
+    return rows + [_candidate(verdict, claim) | unnamed for claim in rest]
 
 
 def _candidate(verdict: Verdict, claim: Claim) -> dict[str, Any]:

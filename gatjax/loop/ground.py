@@ -28,7 +28,7 @@ from gatjax.robot.nao import WALKING, WALKING_JOINTS
 from gatjax.sim.actuation import actuation
 from gatjax.sim.backend import Backend, default_backend, pairs, prepare
 from gatjax.sim.lighter import lighter
-from gatjax.sim.stored import write_world
+from gatjax.sim.stored import carried, write_world
 from gatjax.sim.world import Values, World
 from gatjax.walk.parameters import THETA0
 
@@ -235,7 +235,7 @@ def write_grounded(
     folder: Path, world: World, grounding: grounders.Grounding, made_by: dict[str, Any]
 ) -> None:
     """Write a grounding and the world file that uses it."""
-    write_world(folder / "world.json", world, made_by, ".")
+    write_world(folder / "world.json", carried(world, folder), made_by, ".")
     grounders.write_grounding(folder, grounding)
 
 

@@ -87,9 +87,19 @@ def prepare(
 
 
 def use_compile_cache() -> None:
-    """Keep compiled programs in the user's cache folder, across runs."""
+    """Keep compiled programs in the user's cache folder, across runs.
+
+    Where it cannot be written to, programs are compiled anew each time.
+    """
     root = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
-    jax.config.update("jax_compilation_cache_dir", str(root / "gatjax" / "xla"))
+    folder = root / "gatjax" / "xla"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return
+    if not os.access(folder, os.W_OK):
+        return
+    jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
 
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
+import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from gatjax.robot import model as robot_model
@@ -21,7 +25,10 @@ def write_world(path: Path, world: World, made_by: dict, grounding: str | None) 
     """Write world.json, whole or not at all."""
     source = world.source
     if source not in robot_model.SHIPPED:  # beside the world file: both can move
-        source = os.path.relpath(source, path.parent)
+        there = robot_model.model_file(source)  # links lead to other parents
+        source = os.path.relpath(
+            there.parent.resolve() / there.name, path.parent.resolve()
+        )
     text = {
         "schema": SCHEMA,
         "model": source,
@@ -34,6 +41,35 @@ def write_world(path: Path, world: World, made_by: dict, grounding: str | None) 
     write_json(path, text)
 
 
+def carried(world: World, folder: Path) -> World:
+    """A world whose model lies in a folder, with all files that it needs.
+
+    Meshes and included files keep their places to each other. A shipped model, or one
+    that lies in the folder already, stays where it is.
+
+    Args:
+        world: to be written there.
+        folder: that can be moved then; it gets `model_<digest>/`.
+    """
+    if world.source in robot_model.SHIPPED:
+        return world
+    source = robot_model.model_file(world.source)
+    source = source.parent.resolve() / source.name
+    if source.is_relative_to(folder.resolve()):
+        return world
+    files = sorted({*mujoco.mju_getXMLDependencies(str(source)), str(source)})
+    base = Path(os.path.commonpath([os.path.dirname(file) for file in files]))
+    digest = hashlib.sha256()
+    for file in files:
+        digest.update(Path(file).read_bytes())
+    place = folder / f"model_{digest.hexdigest()[:8]}"
+    for file in files:
+        copy = place / Path(file).relative_to(base)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(file, copy)
+    return replace(world, source=str(place / source.relative_to(base)))
+
+
 def read_world(path: Path, task: Task = Task()) -> tuple[World, Path | None]:
     """Load world.json (a folder means the one in it) and name its grounding folder.
 
@@ -44,7 +80,8 @@ def read_world(path: Path, task: Task = Task()) -> tuple[World, Path | None]:
     path = world_file(path)
     text = _world_text(path)
     source = text["model"]
-    source = source if source in robot_model.SHIPPED else path.parent / source
+    if source not in robot_model.SHIPPED:
+        source = path.parent.resolve() / source  # `..` goes up from where links lead
     world = nominal(task, source, text.get("timestep_s"))
     for number, row in enumerate(text["effects"], start=1):
         where = f"{path}: effect {number}"
