@@ -10,6 +10,7 @@ import numpy as np
 
 from gatjax.records import Array
 from gatjax.settings import SearchSettings
+from gatjax.xp import namespace_of
 
 DIVERGED_COST = 1e12
 """Cost of a rollout that has none (NaN, infinite); a higher one counts as this one."""
@@ -23,10 +24,9 @@ Judge = Callable[[Any, Array, Array], Array]
 
 def finite(costs: Array) -> Array:
     """Costs of any shape, with `DIVERGED_COST` for what is not finite or above it."""
-    costs = jnp.asarray(costs)
-    return jnp.where(
-        jnp.isfinite(costs), jnp.minimum(costs, DIVERGED_COST), DIVERGED_COST
-    )
+    xp = namespace_of(costs)  # NumPy's may be beyond 32 bits
+    kept = xp.where(xp.isfinite(costs), xp.minimum(costs, DIVERGED_COST), DIVERGED_COST)
+    return jnp.asarray(kept)
 
 
 def policy_costs(costs: Array) -> Array:

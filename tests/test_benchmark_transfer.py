@@ -173,6 +173,7 @@ def test_p_values_of_a_family_are_corrected_for_their_number():
     )
     assert corrected([0.7, 0.9]) == [1.0, 1.0]
     assert corrected([]) == []
+    assert corrected([0.01, np.nan, 0.04])[::2] == pytest.approx([0.02, 0.04])
 
 
 def test_the_document_corrects_over_all_tests_of_gains_and_falls_of_a_robot(tmp_path):

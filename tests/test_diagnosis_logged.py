@@ -8,6 +8,7 @@ from gatjax.data.recording import Recording
 from gatjax.data.trajectories import JointRun, to_arrays
 from gatjax.diagnosis.logged import signals
 from gatjax.diagnosis.measure import replayed
+from gatjax.diagnosis.signals import odd_sensors
 from gatjax.report.diagnosis.bars import signal_picture
 from gatjax.sim.world import add_cause, nominal
 from gatjax.task import Task
@@ -54,3 +55,15 @@ def test_what_one_file_lacks_is_not_shown(made):
     less = {k: v for k, v in log.columns.items() if k != "torque.a"}
     rows = signals(played(worlds, log), [log, log._replace(columns=less)], ["a"])
     assert [row["name"] for row in rows] == ["velocity.a"]
+
+
+def test_sensors_that_are_nothing_like_simulated_ones_are_told():
+    def row(name, left, varies):
+        return {"name": name, "unit": "N", "noise": 0.5, "nominal_rms": 9.0,
+                "extended_rms": left, "measured_rms": varies}  # fmt: skip
+
+    rows = [row("force.LF", 13.9, 12.0), row("force.RF", 4.0, 12.0),
+            row("force.tip", 0.9, 0.5)]  # fmt: skip
+    (told,) = odd_sensors(rows, "a.csv, b.csv")
+    assert told["level"] == "warning" and told["file"] == "a.csv, b.csv"
+    assert "force.LF: simulated 13.9 N rms off, where it varies by 12" in told["text"]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from simspark_server import Recorded
 
-from gatjax.hardware.frames import Lost
+from gatjax.hardware.frames import BadFrame, Lost
 from gatjax.hardware.rcssmj import Player, effector
 
 PERCEPT = (
@@ -36,6 +36,16 @@ def test_a_percept_by_hand_and_what_is_answered():
         "(init T1 gatjax 1)",
         "(lle4 57.2958 0.0 150 6 0.0)(syn)",
     ]
+
+
+@pytest.mark.parametrize("text", ["(GS ((1 2) 3))", "(time (now x))", "(HJ (n a))"])
+def test_a_percept_that_cannot_be_read_is_a_bad_frame(text):
+    server = Recorded([("<", text)])
+    player = Player("127.0.0.1", server.port)
+    with pytest.raises(BadFrame, match="a percept cannot be read"):
+        player.receive()
+    player.close()
+    server.close()
 
 
 def test_names_and_nobody_there():

@@ -4,6 +4,7 @@ import json
 import os
 import re
 import socket
+from collections import deque
 from pathlib import Path
 
 import numpy as np
@@ -209,3 +210,17 @@ def test_live(robot, tmp_path, capsys):
     command = ["evaluate", "--robot", robot, "--rate-hz", "50", "--runs", "2"]
     assert main([*command, "--out", str(tmp_path)]) == 0
     assert "cm/s" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("pull", "tilt"),
+    [("0 0 9.8", [0, 0]), ("0 -9.8 0", [0, 90]), ("-9.8 0 0", [90, 0])],
+)
+def test_a_robot_without_gps_knows_from_its_accelerometer_how_it_lies(pull, tilt):
+    """Upright, on its face, on its left side; SimSpark tells right, forward, up."""
+    robot = object.__new__(SimSpark)
+    robot.monitor, robot._angle = None, np.zeros(len(JOINTS))
+    robot._temperature, robot._battery = np.zeros(len(JOINTS)), 1.0
+    robot._pulls = deque(maxlen=10)
+    frame = robot._frame(parse(f"(time (now 1.0))(ACC (n torso) (a {pull}))"), 0.0)
+    np.testing.assert_allclose(frame.tilt, np.deg2rad(tilt), atol=1e-9)

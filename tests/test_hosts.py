@@ -17,8 +17,11 @@ import pytest
 
 from gatjax.cli import main
 from gatjax.cli.arguments import Search, Work
-from gatjax.cli.sharing import _told, prepared
+from gatjax.cli.sharing import _files, _told, _unpack, prepared
 from gatjax.hosts import Crew, Task, address_of, serve, wire
+from gatjax.sim.stored import read_world, write_world
+from gatjax.sim.world import nominal
+from gatjax.task import Task as TaskHere
 
 TASK = Task({"any": 1}, {"world.json": b"{}"})
 POLICIES = np.arange(105.0).reshape(7, 15)
@@ -393,3 +396,26 @@ def test_a_search_survives_the_death_of_a_host_and_of_its_leader(tmp_path):
         assert staying.wait(60) == 0
         assert "is done; this host had a share in" in staying.stdout.read()
     assert found_by(led) == found_by(alone)
+
+
+def test_a_world_travels_with_all_that_its_model_needs(tmp_path):
+    (tmp_path / "robot" / "parts").mkdir(parents=True)
+    text = '<mujoco><include file="parts/body.xml"/></mujoco>'
+    (tmp_path / "robot" / "robot.xml").write_text(text)
+    body = (
+        '<mujoco><worldbody><body><joint name="a"/><geom size="1"/></body></worldbody>'
+        '<actuator><position joint="a" kp="1"/></actuator></mujoco>'
+    )
+    (tmp_path / "robot" / "parts" / "body.xml").write_text(body)
+    world = nominal(TaskHere(), tmp_path / "robot" / "robot.xml")
+    write_world(tmp_path / "world.json", world, {}, None)
+    files = _files(tmp_path / "world.json")
+    (tmp_path / "there").mkdir()
+    _unpack({**files, "../out.txt": b"", "model/../../out.txt": b"", "x": b""},
+            tmp_path / "there")  # fmt: skip
+    found, _ = read_world(tmp_path / "there")
+    assert found.model.nu == 1
+    assert not (tmp_path / "out.txt").exists()
+    assert {each.name for each in (tmp_path / "there").iterdir()} == {
+        "model", "world.json"
+    }  # fmt: skip

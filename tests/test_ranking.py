@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gatjax.ranking import DIVERGED_COST, judged
+from gatjax.ranking import DIVERGED_COST, finite, judged
 from gatjax.search import Space, checked, generation, host_generation, start
 from gatjax.settings import SearchSettings
 
@@ -105,3 +105,8 @@ def test_policies_that_diverge_lose_the_race():
 def test_a_race_that_nobody_can_run_is_refused(race):
     with pytest.raises(ValueError, match=r"race is .*use 1 to rollouts - 1 = 4"):
         checked(SearchSettings(rollouts=5, race=race))
+
+
+def test_costs_beyond_32_bits_are_those_that_diverged():
+    wide = np.array([1.0, 1e55, np.inf, np.nan])
+    np.testing.assert_allclose(finite(wide), [1.0, *[DIVERGED_COST] * 3])

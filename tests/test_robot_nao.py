@@ -12,6 +12,7 @@ from mujoco import mjx
 from gatjax.records import FORCE_SENSORS, JOINTS
 from gatjax.robot import nao
 from gatjax.robot.model import HUNG, check_walker, joint_names, load, slots
+from gatjax.sim.limbs import put_down
 
 # Numbers of the ros-naoqi URDF v5 and of B-Human's 2025 release: mass, m; centre of
 # mass, m; inertia about it, kg m^2, xx yy zz xy xz yz.
@@ -113,6 +114,41 @@ def test_force_sensors_are_the_eight_corners_in_order(model):
         for place in where
     ]
     assert tuple(names) == FORCE_SENSORS
+
+
+BIPED = """<mujoco><worldbody><geom type="plane" size="1 1 1"/>
+<body name="torso" pos="0 0 3"><freejoint/><geom size="0.1"/>
+  <site name="imu" euler="0 0 90" pos="0.02 0 0"/><site name="belly" size="0.1"/>
+  <body name="leg" pos="0 0 -0.3"><joint name="hip" axis="0 1 0"/><geom size="0.05"/>
+    <site name="sole" size="0.1" euler="10 0 0"/></body></body></worldbody>
+<actuator><position joint="hip" kp="20"/></actuator>
+<sensor><touch name="foot" site="sole"/><touch name="front" site="belly"/>
+  <gyro site="imu"/></sensor></mujoco>"""
+
+
+@pytest.fixture
+def biped(tmp_path):
+    (tmp_path / "biped.xml").write_text(BIPED)
+    return load(tmp_path / "biped.xml")
+
+
+def test_touch_sensors_are_in_the_order_of_the_model(biped):
+    assert slots(biped).force.tolist() == biped.sensor_adr[:2].tolist()
+
+
+def test_a_gyro_tells_the_torsos_axes_however_it_is_mounted(biped):
+    data = mujoco.MjData(biped)
+    data.qvel[3:6] = [0.1, 0.2, 0.3]
+    mujoco.mj_forward(biped, data)
+    np.testing.assert_allclose(data.sensordata[slots(biped).gyro], [0.1, 0.2, 0.3])
+    assert abs(biped.site("sole").quat[1]) > 0.05  # others stay
+
+
+def test_a_robot_is_put_down_from_wherever_it_is(biped):
+    data = mujoco.MjData(biped)
+    data.qpos[:] = put_down(biped, np.zeros(1))
+    mujoco.mj_kinematics(biped, data)
+    assert data.geom_xpos[2, 2] == pytest.approx(0.05)
 
 
 @pytest.mark.parametrize("name", JOINTS)

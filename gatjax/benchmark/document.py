@@ -42,7 +42,8 @@ def _section(robot: str, trials: dict[int, dict[str, Found]], against: str) -> s
         )
         lines.append((
             method, f"{one.trials}", _shown(one.gain), f"{one.failures}",
-            f"{one.generation:.1f}", beside, _shown(one.useful), f"{one.stood}",
+            f"{one.generation:.1f}".replace("nan", "-"), beside,
+            _shown(one.useful), f"{one.stood}",
             _shown(one.confirmed), _shown(one.falls, 100.0),
         ))  # fmt: skip
     parts = [f"## Simulator to {robot}", table(COLUMNS, lines)]
@@ -64,7 +65,9 @@ def _tests(
             )
     plain = [p for t in tests.values() for p in (t.p, t.p_kept, t.p_fallen)]
     pairs = zip(plain, corrected(plain), strict=True)
-    told = iter([f"{p:.3f} ({more:.3f})" for p, more in pairs])
+    told = iter(
+        [f"{p:.3f} ({more:.3f})" if np.isfinite(p) else "-" for p, more in pairs]
+    )
     return [
         (
             f"{method} - {against}", f"{test.trials}",

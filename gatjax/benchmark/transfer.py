@@ -181,7 +181,8 @@ def paired(these: Sequence[Found], others: Sequence[Found], seed: int = 0) -> Pa
     def apart(field: str) -> tuple[Interval, float]:
         each = np.array([getattr(a, field) - getattr(b, field) for a, b in both])
         each = each[np.isfinite(each)]  # falls: where both methods' candidates walked
-        return mean(each.tolist(), seed), _flipped(each, seed)
+        p = _flipped(each, seed) if len(each) else float("nan")
+        return mean(each.tolist(), seed), p
 
     fewer = sum(b.failed and not a.failed for a, b in both)
     more = sum(a.failed and not b.failed for a, b in both)
@@ -205,11 +206,14 @@ def _flipped(apart: np.ndarray, seed: int) -> float:
 
 
 def corrected(values: Sequence[float]) -> list[float]:
-    """P values [n] of one family of tests, corrected for their number (Holm 1979)."""
+    """P values [n] of one family of tests, corrected for their number (Holm 1979).
+
+    NaN is a test without data: it stays so, and counts as none.
+    """
     found = np.asarray(values, float)
-    order = np.argsort(found)
-    steps = np.maximum.accumulate(found[order] * np.arange(len(found), 0, -1))
-    out = np.empty(len(found))
+    order = np.argsort(found)[: np.isfinite(found).sum()]
+    steps = np.maximum.accumulate(found[order] * np.arange(len(order), 0, -1))
+    out = np.full(len(found), np.nan)
     out[order] = np.minimum(steps, 1.0)
     return out.tolist()
 

@@ -193,6 +193,11 @@ def said(found: dict[str, Any], out: Path, report: Path) -> list[str]:
     """What a diagnosis prints: verdict, causes, gain, files."""
     return [
         found["sentence"],
+        *(
+            f"warning    {row['text']}"
+            for row in found["data_checks"]
+            if row["check"] == "sensor"
+        ),
         *named_lines(found["causes"]),
         *gain_lines(found["gain"], bool(found["files"]["held_out"])),
         *fallback_lines(found["fallback"], out),
@@ -208,6 +213,9 @@ def said(found: dict[str, Any], out: Path, report: Path) -> list[str]:
 
 def _use(found: dict[str, Any]) -> str:
     """What the extended simulation is good for."""
-    if found["gain"] and not found["gain"].get("promoted", True):
+    gain = found["gain"]
+    if gain and gain["high"] < 0.0:
+        return "worse on the held-out logs: a world to look at, not to learn in"
+    if gain and not gain.get("promoted", True):
         return "what was found, as a world to look at; no gain is proven"
     return "use it as --world, as docs/files.md says"

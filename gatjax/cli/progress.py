@@ -38,7 +38,8 @@ def shown(total: float) -> Iterator[Teller]:
                 stage=lambda text: bar.update(task, description=text),
                 work=lambda units: bar.advance(task, units),
                 past=lambda units: bar.reset(
-                    task, completed=bar.tasks[task].completed + units
+                    task,
+                    completed=bar.tasks[task].completed + units,  # pyright: ignore
                 ),
             )
         return

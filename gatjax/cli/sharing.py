@@ -9,7 +9,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from importlib.metadata import version
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import jax
@@ -27,13 +27,13 @@ from gatjax.ranking import Evaluate
 from gatjax.robot.model import SHIPPED, check_walker
 from gatjax.settings import LoopSettings
 from gatjax.sim.backend import costs, prepare
-from gatjax.sim.stored import world_file
+from gatjax.sim.stored import model_files, world_file
 from gatjax.task import task_at
 
 Array = Any
 SAME = ("gatjax", "mujoco")  # packages of which all hosts need the same version
 WAIT = 300.0  # s for hosts that are asked for
-WORLD, MODEL, LEARNED = "world.json", "model.xml", "grounding"
+WORLD, MODEL, LEARNED = "world.json", "model", "grounding"
 
 
 def say(text: str) -> None:
@@ -144,8 +144,9 @@ def _files(path: Path) -> dict[str, bytes]:
     text = json.loads(path.read_text(encoding="utf-8"))
     files = {}
     if text["model"] not in SHIPPED:
-        files[MODEL] = (path.parent / text["model"]).read_bytes()
-        text["model"] = MODEL
+        name, parts = model_files(path.parent.resolve() / text["model"])
+        files = {f"{MODEL}/{part}": file.read_bytes() for part, file in parts.items()}
+        text["model"] = f"{MODEL}/{name}"
     if text.get("grounding"):
         for name in GROUNDING:
             file = path.parent / text["grounding"] / name
@@ -156,8 +157,11 @@ def _files(path: Path) -> dict[str, bytes]:
 
 def _unpack(files: dict[str, bytes], folder: Path) -> None:
     """Write a world's files; others are not asked for, wherever they would go."""
-    for name in (WORLD, MODEL, *(f"{LEARNED}/{part}" for part in GROUNDING)):
-        if name in files:
+    asked = (WORLD, *(f"{LEARNED}/{part}" for part in GROUNDING))
+    for name, data in files.items():
+        first, *rest = PurePosixPath(name).parts
+        below = first == MODEL and rest and ".." not in rest
+        if name in asked or below:
             file = folder / name
-            file.parent.mkdir(exist_ok=True)
-            file.write_bytes(files[name])
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(data)

@@ -26,7 +26,7 @@ from gatjax.diagnosis.drawn import drawn_errors
 from gatjax.diagnosis.gain import Predicted, gained, half_second
 from gatjax.diagnosis.given import Given, Logs, Tell, given, judged
 from gatjax.diagnosis.logged import signals
-from gatjax.diagnosis.signals import write_signals
+from gatjax.diagnosis.signals import odd_sensors, write_signals
 from gatjax.diagnosis.start import Start
 from gatjax.diagnosis.suitable import check_replay
 from gatjax.diagnosis.tolerances import USUAL, Tolerances
@@ -114,7 +114,8 @@ def diagnose(
     mjcf.write_model(out / "extended.xml", made["extended"])
     text["made_by"] = _made_by(start, seed, allowed)
     text["seconds"] = round(time.monotonic() - began, 1)
-    text["data_checks"] = list(files.checks)
+    odd = odd_sensors(text["signals"], ", ".join(log.name for log in files.fit))
+    text["data_checks"] = [*files.checks, *odd]
     write_json(out / "diagnosis.json", text)
     return text
 

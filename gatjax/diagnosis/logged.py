@@ -54,7 +54,7 @@ def signals(
             ])))))
             for key, every in played.items()
         }  # fmt: skip
-        noise = float(np.mean([noise_of(part[name]) for part in told]))
+        noise = noise_of([part[name] for part in told])
         about = {"name": name, "unit": UNITS[family], "noise": noise}
         return about | {"tolerance_rms": None} | left
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import chain
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -12,6 +14,29 @@ from pyarrow import parquet
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis.gain import Predicted
 from gatjax.diagnosis.verdict import Verdict
+
+ASTRAY, LOUD = 0.7, 10.0  # of how much a sensor varies, times its noise
+
+
+def odd_sensors(rows: Sequence[dict[str, Any]], file: str) -> list[dict[str, Any]]:
+    """Warnings, as in `data_checks`, of sensors that are nothing like simulated ones.
+
+    Another axis, sign or unit, or feet that are mixed up: no cause of the catalogue.
+
+    Args:
+        rows: `signals` of diagnosis.json.
+        file: that they are of, in words.
+    """
+    return [
+        {
+            "file": file, "level": "warning", "check": "sensor",
+            "text": f"{row['name']}: simulated {row['extended_rms']:.3g} {row['unit']} "
+            f"rms off, where it varies by {row['measured_rms']:.3g}: look at the axis, "
+            f"sign and unit of this column, and whether it is this sensor's",
+        }
+        for row in rows
+        if row["extended_rms"] > max(ASTRAY * row["measured_rms"], LOUD * row["noise"])
+    ]  # fmt: skip
 
 
 def write_signals(

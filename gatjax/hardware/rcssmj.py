@@ -54,7 +54,7 @@ class Player:
             raise Lost(f"{self.agent.place}: silent for {PATIENCE:g} s")
         try:
             return _percept(parse(text))
-        except (KeyError, IndexError, ValueError) as error:
+        except (KeyError, IndexError, TypeError, ValueError) as error:
             raise BadFrame(f"a percept cannot be read: {error}") from error
 
     def send(self, target: dict[str, float], kp: float, kd: float) -> None:

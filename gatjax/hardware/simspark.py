@@ -8,6 +8,7 @@ What its messages look like and which signs its joints have: docs/hardware.md.
 from __future__ import annotations
 
 import time
+from collections import deque
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -69,6 +70,12 @@ FOLLOWER = EFFECTORS.index("rle1")  # of two hips that turn together the left on
 FRONT, REAR, OUTER, INNER = 0.0703, -0.03, 0.0299, -0.0211  # m, foot sensors [URDF]
 
 
+def _hanging(pull: np.ndarray) -> np.ndarray:
+    """Roll and pitch [2], rad, of what an accelerometer [3] says is up, in the mean."""
+    x, y, z = pull
+    return np.array([np.arctan2(y, z), np.arctan2(-x, np.hypot(y, z))])
+
+
 class Type(NamedTuple):
     """A robot of SimSpark."""
 
@@ -81,6 +88,7 @@ TYPES = {
     "simspark": Type("(scene rsg/agent/nao/nao.rsg 0)", (-12.0, 0.0), False),
     "simspark-v4": Type("(scene rsg/agent/naov4/nao.rsg)", (-4.0, 0.0), True),
 }
+AVERAGED = 10  # frames, over which what an accelerometer says is up is taken
 HINT = (
     "start rcssserver3d with $agentSyncMode = true, or name another server: "
     "--robot simspark:HOST:PORT:MONITORPORT, or GATJAX_SIMSPARK"
@@ -140,6 +148,7 @@ class SimSpark:
         self._first = True
         self._temperature = np.full(len(JOINTS), 25.0)
         self._battery = 1.0
+        self._pulls: deque[np.ndarray] = deque(maxlen=AVERAGED)
         return agent
 
     def place(self) -> bool:
@@ -168,7 +177,7 @@ class SimSpark:
 
     def _frame(self, message: list[Any], received: float) -> Frame:
         """Translate a message."""
-        now, tilt, base = 0.0, np.zeros(2), None
+        now, base = 0.0, None
         gyro, pull, force = np.zeros(3), np.zeros(3), np.zeros(8)
         for kind, *rest in message:
             told = named(rest)
@@ -189,6 +198,8 @@ class SimSpark:
                 self._battery = float(rest[0])
         if base is None and self.monitor is not None:
             base = self.monitor.base()
+        self._pulls.append(pull)
+        tilt = _hanging(np.mean(self._pulls, axis=0))
         if base is not None:
             tilt = tilt_of(base.quaternion)
         return Frame(

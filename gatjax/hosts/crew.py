@@ -25,7 +25,7 @@ Array = Any
 Run = Callable[[Array, Array], Array]
 """(policies [N, 15], words of the keys [R, 2]) -> costs [N, R]."""
 
-HANDSHAKE = 60.0  # s that a host has to look at the task and say whether it can do it
+HANDSHAKE = 300.0  # s that a host has to look at the task and say whether it can do it
 FAREWELL = 5.0  # s for hosts that are being let in when the search ends
 HUNG = 600.0  # s that an answer may come after the leader's own share, at least
 SLOWER = 20.0  # times as long as the leader for its share a host may take, if more
@@ -160,6 +160,8 @@ class Crew:
         """Tell a host the task, and hear whether it can do it."""
         wire.send_task(link, self._task)
         if not link.poll(HANDSHAKE):
+            self._say(f"a host was sent away: {HANDSHAKE:g} s were not enough for it "
+                      f"to say whether it can do the task")  # fmt: skip
             link.close()
             return
         answer = wire.receive(link)

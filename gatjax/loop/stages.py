@@ -117,15 +117,17 @@ def by_entry(
 
 def name_robot(folder: Path, robot: Robot) -> None:
     """Write robot.json; refuse to go on with a run that another robot began."""
-    path = folder / "robot.json"
+    path, now = folder / "robot.json", {"name": robot.name, **robot.constants()}
     if path.exists():
-        begun = json.loads(path.read_text()).get("name")
-        if begun != robot.name:
-            raise ValueError(
-                f"{folder} was begun with the robot {begun!r}, not {robot.name!r}; "
-                f"go on with that one (loop.run), or start a new run"
-            )
-    runs.write_json(path, {"name": robot.name, **robot.constants()})
+        begun = json.loads(path.read_text())
+        for known in ("name", "identity"):
+            one, other = begun.get(known), now.get(known)
+            if one != other and (known == "name" or (one and other)):
+                raise ValueError(
+                    f"{folder} was begun with the robot {one!r}, not {other!r}; "
+                    f"go on with that one (loop.run), or start a new run"
+                )
+    runs.write_json(path, now)
 
 
 def improve(

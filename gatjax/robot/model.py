@@ -99,7 +99,23 @@ def load(
     model.actuator_forcerange[model.actuator_forcelimited == 0] = -np.inf, np.inf
     model.actuator_forcelimited[:] = 1
     _take_over_limits(model)
+    _straighten(model)
     return model
+
+
+def _straighten(model: mujoco.MjModel) -> None:
+    """Turn inertial sensors of the torso as it is: logs have its axes (docs/files.md).
+
+    However they are mounted, robots tell rates and accelerations in the torso's frame.
+    """
+    kinds = mujoco.mjtSensor
+    inertial = np.isin(
+        model.sensor_type, (kinds.mjSENS_GYRO, kinds.mjSENS_ACCELEROMETER)
+    )
+    sites = model.sensor_objid[inertial]
+    sites = sites[model.site_bodyid[sites] == BASE]
+    model.site_quat[sites] = 1.0, 0.0, 0.0, 0.0
+    model.site_sameframe[sites] = mujoco.mjtSameFrame.mjSAMEFRAME_NONE
 
 
 def _take_over_limits(model: mujoco.MjModel) -> None:
@@ -199,14 +215,22 @@ def check_walker(model: mujoco.MjModel, name: str) -> None:
         )
 
 
-def _sensors(model: mujoco.MjModel, kind: mujoco.mjtSensor) -> list[np.ndarray]:
-    """Where the sensors of one kind lie in sensordata; those of the base first."""
-    ids = np.flatnonzero(model.sensor_type == kind)
+def _sensors(model: mujoco.MjModel, kind: mujoco.mjtSensor) -> np.ndarray:
+    """Numbers of the sensors of one kind, in the model's order."""
+    return np.flatnonzero(model.sensor_type == kind)
+
+
+def _inertial(model: mujoco.MjModel, kind: mujoco.mjtSensor) -> np.ndarray:
+    """Number of the gyro or accelerometer that counts: [1], or none [0]."""
+    ids = _sensors(model, kind)
     bodies = model.site_bodyid[model.sensor_objid[ids]]
-    return [
-        model.sensor_adr[each] + np.arange(model.sensor_dim[each])
-        for each in ids[np.argsort(bodies != BASE, kind="stable")]
-    ]
+    return ids[np.argsort(bodies != BASE, kind="stable")][:1]
+
+
+def _places(model: mujoco.MjModel, ids: np.ndarray) -> np.ndarray:
+    """Where sensors lie in sensordata, one after the other."""
+    parts = [model.sensor_adr[k] + np.arange(model.sensor_dim[k]) for k in ids]
+    return np.concatenate([np.zeros(0, int), *parts])
 
 
 def slots(model: mujoco.MjModel) -> Slots:
@@ -214,15 +238,11 @@ def slots(model: mujoco.MjModel) -> Slots:
 
     Of several gyros or accelerometers the first at the base counts.
     """
-    ids, none = model.actuator_trnid[:, 0], np.zeros(0, int)
-    kinds = mujoco.mjtSensor
-    gyros = _sensors(model, kinds.mjSENS_GYRO)
-    accelerometers = _sensors(model, kinds.mjSENS_ACCELEROMETER)
-    soles = _sensors(model, kinds.mjSENS_TOUCH)
+    ids, kinds = model.actuator_trnid[:, 0], mujoco.mjtSensor
     return Slots(
         position=model.jnt_qposadr[ids],
         velocity=model.jnt_dofadr[ids],
-        gyro=(gyros or [none])[0],
-        accelerometer=(accelerometers or [none])[0],
-        force=np.concatenate([none, *soles]),
+        gyro=_places(model, _inertial(model, kinds.mjSENS_GYRO)),
+        accelerometer=_places(model, _inertial(model, kinds.mjSENS_ACCELEROMETER)),
+        force=_places(model, _sensors(model, kinds.mjSENS_TOUCH)),
     )

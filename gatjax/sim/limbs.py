@@ -14,6 +14,7 @@ from gatjax.robot.model import command_range, joint_names, servoed, slots
 from gatjax.sim.episode import coupled, coupled_speed
 from gatjax.walk.parameters import THETA0
 
+FAR = 1e3  # m, that a robot may begin above its floor
 TOP_SPEED = 10.0  # rad/s, of quick hobby servos (60 degrees in 0.1 s): no servo's here
 
 
@@ -30,7 +31,7 @@ def put_down(model: mujoco.MjModel, angle: np.ndarray) -> np.ndarray:
         fixed = model.body_weldid[model.geom_bodyid[geoms]] == 0
         data.qpos[2] -= min(
             (
-                mujoco.mj_geomDistance(model, data, ground, geom, 1.0, None)
+                mujoco.mj_geomDistance(model, data, ground, geom, FAR, None)
                 for ground in geoms[fixed]
                 for geom in geoms[~fixed]
             ),

@@ -54,20 +54,29 @@ def carried(world: World, folder: Path) -> World:
     if world.source in robot_model.SHIPPED:
         return world
     source = robot_model.model_file(world.source)
-    source = source.parent.resolve() / source.name
-    if source.is_relative_to(folder.resolve()):
+    if source.resolve().is_relative_to(folder.resolve()):
         return world
-    files = sorted({*mujoco.mju_getXMLDependencies(str(source)), str(source)})
-    base = Path(os.path.commonpath([os.path.dirname(file) for file in files]))
+    name, files = model_files(source)
     digest = hashlib.sha256()
-    for file in files:
-        digest.update(Path(file).read_bytes())
+    for file in files.values():
+        digest.update(file.read_bytes())
     place = folder / f"model_{digest.hexdigest()[:8]}"
-    for file in files:
-        copy = place / Path(file).relative_to(base)
-        copy.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(file, copy)
-    return replace(world, source=str(place / source.relative_to(base)))
+    for part, file in files.items():
+        (place / part).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(file, place / part)
+    return replace(world, source=str(place / name))
+
+
+def model_files(source: Path) -> tuple[str, dict[str, Path]]:
+    """A model file's name among all files that it needs, by their places to each other.
+
+    Included models, meshes and pictures lie where they do, below one folder.
+    """
+    source = source.parent.resolve() / source.name
+    files = sorted({*mujoco.mju_getXMLDependencies(str(source)), str(source)})
+    base = os.path.commonpath([os.path.dirname(file) for file in files])
+    near = {Path(os.path.relpath(file, base)).as_posix(): Path(file) for file in files}
+    return source.relative_to(base).as_posix(), near
 
 
 def read_world(path: Path, task: Task = Task()) -> tuple[World, Path | None]:

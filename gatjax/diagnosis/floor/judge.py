@@ -178,6 +178,7 @@ class StandingJudge(Judge):
             noise = float(seen.noise[k])
             rows.append(
                 {"name": seen.names[k], "noise": noise,
+                 "measured_rms": float(np.std(seen.measured[k])),
                  "unit": channels.UNITS[seen.names[k].partition(".")[0]],
                  "nominal_rms": float(np.sqrt(np.mean(np.square(before.rest[k])))),
                  "tolerance_rms": noise * float(before.level[k]),
