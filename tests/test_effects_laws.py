@@ -336,6 +336,15 @@ def test_losses_have_their_share_come_in_bursts_and_hold_the_last_target():
     np.testing.assert_array_equal(out, held)
 
 
+@pytest.mark.parametrize(("share", "burst"), [(0.7, 2.0), (0.9, 2.0), (0.5, 1.0)])
+def test_a_great_share_of_targets_is_lost_whatever_the_burst(share, burst):
+    drawn = np.random.default_rng(5).normal(size=(20_000, 1))
+    count = np.arange(1.0, 20_001.0)[:, None]
+    params = {"probability": np.array([share]), "burst": np.array([burst])}
+    out = play(drive.loss(), params, Signal(count, count, count, drawn))
+    assert (out < count).mean() == pytest.approx(share, abs=0.02)
+
+
 @pytest.mark.parametrize(
     ("share", "alike"), [([0.3, 0.3, 0.3], True), ([0.3, 0.3, 0.0], False),
                          ([0.3, 0.2, 0.3], False)],

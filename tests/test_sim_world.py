@@ -538,3 +538,32 @@ def test_of_several_inertial_units_that_of_the_base_counts(tmp_path):
 def test_numbers_that_are_none_are_refused(cause, place, values, says):
     with pytest.raises(ValueError, match=says):
         add_cause(nominal(), cause, place, values)
+
+
+@pytest.mark.parametrize("odd", ['gear="2"', 'timeconst="0.1"'])
+def test_causes_of_drives_are_for_drives_at_their_joint(tmp_path, odd):
+    text = f"""<mujoco><worldbody><body><joint name="a" axis="0 1 0"/><geom size="0.1"/>
+    </body></worldbody><actuator><position name="arm" joint="a" kp="20" {odd}/>
+    </actuator></mujoco>"""
+    (tmp_path / "arm.xml").write_text(text)
+    world = nominal(Task(), tmp_path / "arm.xml")
+    add_cause(world, "payload", ["a"], 0.1)
+    with pytest.raises(ValueError, match="actuator 'arm' has a gear or an activation"):
+        add_cause(world, "torque_saturation", ["a"], 2.0)
+
+
+@pytest.mark.parametrize("pair", ["", '<pair geom1="floor" geom2="box"/>'])
+def test_the_floor_is_as_slippery_between_pairs(tmp_path, pair):
+    text = f"""<mujoco><worldbody><geom name="floor" type="plane" size="5 5 1"/>
+    <body pos="0 0 0.05"><freejoint/>
+    <geom name="box" type="box" size="0.05 0.05 0.05"/><body pos="0 0 0.05">
+    <joint name="j" armature="0.01" damping="0.1"/><geom size="0.01" mass="0.01" contype="0" conaffinity="0"/></body>
+    </body></worldbody><contact>{pair}</contact>
+    <actuator><position joint="j" kp="1"/></actuator></mujoco>"""
+    (tmp_path / "box.xml").write_text(text)
+    world = nominal(Task(), tmp_path / "box.xml")
+    model = fields_applied(add_cause(world, "ground_friction", ["ground"], 0.05))
+    data = mujoco.MjData(model)
+    data.qvel[0] = 1.0
+    mujoco.mj_step(model, data, 250)
+    assert data.qvel[0] == pytest.approx(1.0 - 0.05 * 9.81 * 0.5, abs=0.05)

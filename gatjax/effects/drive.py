@@ -133,10 +133,11 @@ def loss() -> Effect:
     """Lose targets, in bursts, and hold the last one; params: probability, burst.
 
     probability is the share of targets that is lost (0 is neutral), burst the mean
-    number of targets lost together, 1 at least. The draws of the tick decide: a target
-    is lost where Phi(noise) is less than the chance of it, so that a noise of 0 loses
-    nothing as long as the chances are below one half, and -9 loses for sure. Where all
-    joints lose alike, a message is one to all of them: the first one's draw counts.
+    number of targets lost together, 1 at least, and so many that one comes through
+    between two bursts. The draws of the tick decide: a target is lost where Phi(noise)
+    is less than the chance of it, so that a noise of 0 loses nothing as long as the
+    chances are below one half, and -9 loses for sure. Where all joints lose alike, a
+    message is one to all of them: the first one's draw counts.
     """
 
     def init(params: dict[str, Array], signal: Signal) -> tuple[Array, Array]:
@@ -147,8 +148,10 @@ def loss() -> Effect:
     ) -> tuple[tuple[Array, Array], Signal]:
         xp = namespace_of(signal.target, params["probability"])
         held, lost = state
-        share, burst = params["probability"], params["burst"]
-        begin = share / (xp.maximum(1.0 - share, 1e-6) * burst)
+        share = params["probability"]
+        odds = share / xp.maximum(1.0 - share, 1e-6)
+        burst = xp.maximum(params["burst"], odds)  # of shorter ones no more fit in
+        begin = odds / burst
         chance = xp.where(share > 0.0, lost * (1.0 - 1.0 / burst), 0.0)
         chance = chance + (1.0 - lost) * begin
         draw, still = signal.noise, 0.0 * signal.noise

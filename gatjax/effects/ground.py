@@ -20,22 +20,31 @@ def touching(model: Any) -> np.ndarray:
 def friction(model: Any, fields: Fields, mu: Array) -> Fields:
     """Set the sliding friction of every geom that can touch to `mu`; NaN is neutral.
 
-    MuJoCo takes the larger of two geoms, or that of the geom with priority.
+    MuJoCo takes the larger of two geoms, or that of the geom with priority; pairs that
+    a model names have their own.
     """
     field = now(model, fields, "geom_friction")
     if not np.isnan(mu):
         field[touching(model), 0] = mu
-    return fields | {"geom_friction": field}
+    fields = fields | {"geom_friction": field}
+    if model.npair and not np.isnan(mu):
+        pairs = now(model, fields, "pair_friction")
+        pairs[:, :2] = mu
+        fields = fields | {"pair_friction": pairs}
+    return fields
 
 
 def compliance(model: Any, fields: Fields, time_constant: Array) -> Fields:
     """Set the time constant of contacts, s; NaN is neutral. MuJoCo's `solref`."""
-    field = now(model, fields, "geom_solref")
-    if not np.isnan(time_constant):
-        geoms = touching(model)
-        field[geoms, 1] = np.where(field[geoms, 0] > 0.0, field[geoms, 1], 1.0)
-        field[geoms, 0] = time_constant
-    return fields | {"geom_solref": field}
+    names = ("geom_solref", "pair_solref") if model.npair else ("geom_solref",)
+    for name in names:
+        field = now(model, fields, name)
+        if not np.isnan(time_constant):
+            own = touching(model) if name == "geom_solref" else np.arange(model.npair)
+            field[own, 1] = np.where(field[own, 0] > 0.0, field[own, 1], 1.0)
+            field[own, 0] = time_constant
+        fields = fields | {name: field}
+    return fields
 
 
 def wear(model: Any, fields: Fields, params: dict[str, Array]) -> Fields:

@@ -23,6 +23,7 @@ RIDGE = 1e-3  # of standardised inputs, per sample
 BATCH, EPOCHS, PATIENCE = 256, 80, 8
 LEAST_STEPS = 8  # of an epoch: few samples are gone over several times
 LEARNING_RATE = 2e-3
+SILENT = 1e30  # scale of an input that never moved: of it nothing is heard
 LEAST = 1e-4  # rad (unit of an input), deviation of one that tells something
 
 
@@ -94,7 +95,7 @@ def _circle(angle: Array) -> Array:
 def _start(inputs: Array, target: Array, seed: int) -> Network:
     """Standardise, solve the linear part, draw the layers; the last one starts at 0."""
     mean, scale = inputs.mean(0), inputs.std(0)
-    scale = np.where(scale < LEAST, np.inf, scale)  # else a joint at rest shouts later
+    scale = np.where(scale < LEAST, SILENT, scale)  # else a joint at rest shouts later
     out_mean, out_scale = target.mean(0), np.maximum(target.std(0), 1e-6)
     z, y = (inputs - mean) / scale, (target - out_mean) / out_scale
     gram = z.T @ z + RIDGE * len(z) * np.eye(z.shape[1])

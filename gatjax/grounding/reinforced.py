@@ -113,7 +113,11 @@ def reinforced(
     def judged(walks: Any) -> Array:
         flat = np.asarray(walks.observation).reshape(-1, view.size)
         later = np.asarray(walks.next_observation)[..., :count].reshape(-1, count)
-        return np.reshape(rewards(flat, later), np.shape(walks.reward))
+        # what follows a fall is another walk's start: others stand in for those rows
+        going = np.flatnonzero(np.reshape(walks.discount, -1))
+        rows = np.arange(len(flat))
+        rows = np.where(np.isin(rows, going), rows, np.resize(going, len(flat)))
+        return np.reshape(rewards(flat[rows], later[rows]), np.shape(walks.reward))
 
     found = []
     for one in ppo.trained(walk, scale, plan, experience.seed, judged):

@@ -84,6 +84,23 @@ def check(model: mujoco.MjModel, fields: Fields, name: str) -> None:
             raise ValueError(f"{name}: a torque limit would not be positive")
 
 
+def check_drives(model: mujoco.MjModel, cause: str) -> None:
+    """Refuse drives that are not at their joint's side, or have a lag of their own.
+
+    Raises:
+        ValueError: one line with the first of them, and what to change.
+    """
+    odd = ~np.isclose(model.actuator_gear[:, 0], 1.0)
+    odd |= model.actuator_dyntype != mujoco.mjtDyn.mjDYN_NONE
+    if odd.any():
+        name = model.actuator(int(np.flatnonzero(odd)[0])).name
+        raise ValueError(
+            f"{cause} acts on drives as their joints feel them, but actuator {name!r} "
+            f"has a gear or an activation; give kp, kv and forcerange at the joint, "
+            f"gear 1, and a lag as the cause first_order_lag"
+        )
+
+
 def servo(model: mujoco.MjModel, fields: Fields) -> Servo:
     """Read the drives [J] off a model with fields."""
     field = partial(now, model, fields)

@@ -178,6 +178,8 @@ def add_cause(
     places = [causes.places(world.model, row, part) for part in parts]
     if role != "calibration" or any(part.slot != "body" for part in parts):
         check_range(name, entry, full)
+    if any(part.slot in ("motor", "joint", GEAR) for part in parts):
+        derived.check_drives(world.model, name)
     added: dict[str, Any] = {}
     numbers: dict[str, Any] = {}
     for part, names in zip(parts, places, strict=True):

@@ -21,6 +21,7 @@ from gatjax.sim.world import Values, World, add_cause
 
 FIELDS = ("geom_friction", "geom_solref", "geom_pos", "geom_quat", "opt.gravity")
 """What the causes change in a model."""
+PAIRS = ("pair_friction", "pair_solref")  # and in one that names its contacts
 
 
 class Suspect(NamedTuple):
@@ -82,7 +83,7 @@ def batch(world: World, others: list[World]) -> list[Values]:
     out = []
     for other in others:
         fields = dict(other.values.body)
-        for name in FIELDS:
+        for name in (*FIELDS, *(PAIRS if world.model.npair else ())):
             owner = world.model.opt if name.startswith("opt.") else world.model
             now = np.array(getattr(owner, name.removeprefix("opt.")))
             fields.setdefault(name, now)
