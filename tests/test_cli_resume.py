@@ -230,6 +230,27 @@ def test_ctrl_c_says_how_this_verb_goes_on(given, says, capsys, monkeypatch, tmp
     assert f"gatjax: stopped; {says}" in capsys.readouterr().err
 
 
+def test_ctrl_c_leaves_an_earlier_diagnosis(capsys, monkeypatch, tmp_path):
+    def stop(verb):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(verbs, "act", stop)
+    given = ["diagnose", "--model", "m.xml", "--data", "a.csv", "--out", str(tmp_path)]
+    assert main(given) == 130 and "nothing was kept" in capsys.readouterr().err
+    (tmp_path / "diagnosis.json").write_text("{}")
+    assert main(given) == 130
+    assert f"{tmp_path} keeps the earlier diagnosis" in capsys.readouterr().err
+
+
+def test_numbers_that_fail_are_no_mistake_of_the_user(capsys, monkeypatch):
+    def fail(verb):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr(verbs, "act", fail)
+    assert main(["evaluate"]) == 1
+    assert "internal error: LinAlgError: Singular matrix" in capsys.readouterr().err
+
+
 def test_ctrl_c_before_a_run_has_its_folder_leaves_nothing(
     started, tmp_path, capsys, monkeypatch
 ):

@@ -557,7 +557,8 @@ def test_the_floor_is_as_slippery_between_pairs(tmp_path, pair):
     text = f"""<mujoco><worldbody><geom name="floor" type="plane" size="5 5 1"/>
     <body pos="0 0 0.05"><freejoint/>
     <geom name="box" type="box" size="0.05 0.05 0.05"/><body pos="0 0 0.05">
-    <joint name="j" armature="0.01" damping="0.1"/><geom size="0.01" mass="0.01" contype="0" conaffinity="0"/></body>
+    <joint name="j" armature="0.01" damping="0.1"/>
+    <geom size="0.01" mass="0.01" contype="0" conaffinity="0"/></body>
     </body></worldbody><contact>{pair}</contact>
     <actuator><position joint="j" kp="1"/></actuator></mujoco>"""
     (tmp_path / "box.xml").write_text(text)

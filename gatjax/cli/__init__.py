@@ -15,6 +15,7 @@ from gatjax.cli.arguments import (
     BenchDiagnose,
     Collect,
     Deploy,
+    Diagnose,
     Evaluate,
     Import,
     Run,
@@ -78,7 +79,8 @@ def _act(chosen: Any) -> None:
 def _line(error: Exception) -> str:
     """Say an error in one line."""
     line = " ".join(str(error).split()) or type(error).__name__
-    if isinstance(error, EXPECTED):
+    ours = type(error).__name__ != "LinAlgError"  # a ValueError that nobody can mend
+    if isinstance(error, EXPECTED) and ours:
         return line
     return (
         f"internal error: {type(error).__name__}: {line}; run again with --debug for "
@@ -114,4 +116,6 @@ def _kept(chosen: Any, before: set[Path]) -> str:
         if isinstance(chosen, Collect) and chosen.motion is not None:
             return f"its frames are in {chosen.out.with_suffix('')}"
         return "the same command goes on after the walks that are there"
+    if isinstance(chosen, Diagnose) and (chosen.out / "diagnosis.json").exists():
+        return f"{chosen.out} keeps the earlier diagnosis"
     return "nothing was kept"
