@@ -55,7 +55,9 @@ def signals(
             for key, every in played.items()
         }  # fmt: skip
         noise = noise_of([part[name] for part in told])
-        about = {"name": name, "unit": UNITS[family], "noise": noise}
+        varies = float(np.std(np.concatenate([part[name] for part in told])))
+        about = {"name": name, "unit": UNITS[family], "noise": noise,
+                 "measured_rms": varies}  # fmt: skip
         return about | {"tolerance_rms": None} | left
 
     return [row(name) for name in names]
