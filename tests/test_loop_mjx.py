@@ -38,7 +38,11 @@ def test_trials_are_one_call_and_each_finds_what_it_finds_alone_on_native(tmp_pa
     settings = LoopSettings(
         search=SETTINGS, backend="mjx", impl="jax", candidates=("best",)
     )
-    progress = loop.Progress(told.append, lambda units: traced.append(len(traces)))
+
+    def tell(units):
+        traced.append(len(traces))
+
+    progress = loop.Progress(told.append, tell, tell)
 
     def job(seed, folder):
         (tmp_path / folder / "policies").mkdir(parents=True, exist_ok=True)
