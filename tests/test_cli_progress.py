@@ -71,5 +71,6 @@ def test_a_bar_begins_with_what_was_done_before(monkeypatch, capsys):
         teller.stage("search")
         teller.past(50.0)
         teller.work(5.0)
+        teller.past(0.0)
     said = capsys.readouterr().err
     assert "55%" in said and "search" in said

@@ -232,12 +232,12 @@ def test_ctrl_c_says_how_this_verb_goes_on(given, says, capsys, monkeypatch, tmp
 
 def test_ctrl_c_leaves_an_earlier_diagnosis(capsys, monkeypatch, tmp_path):
     def stop(verb):
+        (tmp_path / "diagnosis.json").write_text("{}")
         raise KeyboardInterrupt
 
     monkeypatch.setattr(verbs, "act", stop)
     given = ["diagnose", "--model", "m.xml", "--data", "a.csv", "--out", str(tmp_path)]
     assert main(given) == 130 and "nothing was kept" in capsys.readouterr().err
-    (tmp_path / "diagnosis.json").write_text("{}")
     assert main(given) == 130
     assert f"{tmp_path} keeps the earlier diagnosis" in capsys.readouterr().err
 

@@ -376,3 +376,13 @@ def test_goals_without_a_stamp_are_of_the_clock_of_the_log(tmp_path, apart):
                    for name in ("joint_states", "goal"))  # fmt: skip
     assert asked - seen == pytest.approx(0.487, abs=1e-3)
     assert any("moved by" in note for note in source.notes)
+
+
+def test_a_joint_that_never_had_a_command_is_left_out(tmp_path):
+    """Unseen, and its first goal is ended by another one before its point."""
+    _, ankle = logs.JOINTS
+    first, then = (sent_to([name], at, [(after, 1.0)]) for name, at, after in
+                   (("elbow", 0.2, 1.0), (ankle, 0.7, 0.5)))  # fmt: skip
+    source = written(tmp_path, first, then)
+    assert "/goal/position.elbow" not in source.runs[0]
+    assert any("position.elbow left out" in note for note in source.notes)

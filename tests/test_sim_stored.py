@@ -44,6 +44,23 @@ def test_a_world_that_is_carried_can_be_moved(robot, tmp_path):
     assert carried(nominal(), tmp_path / "elsewhere").source == "nao"
 
 
+@pytest.mark.parametrize("change", ["../../robot/meshes", "strippath"])
+def test_a_model_that_cannot_be_copied_stays_where_it_is(robot, tmp_path, change):
+    """Its paths lead through a folder that no file of it is in, or drop folders."""
+    file = tmp_path / "robot" / "xml" / "arm.xml"
+    text = ARM.replace("../meshes", change)
+    if change == "strippath":
+        text = ARM.replace("<compiler", '<compiler strippath="true"')
+        parts = PARTS.replace("wedge.obj", "package/else/wedge.obj")
+        (tmp_path / "robot" / "xml" / "parts.xml").write_text(parts)
+    file.write_text(text)
+    world = carried(nominal(TASK, file), tmp_path / "found")
+    write_world(tmp_path / "found" / "world.json", world, {}, None)
+    found, _ = read_world(tmp_path / "found", TASK)
+    assert found.model.nmesh == 1
+    assert not list((tmp_path / "found").glob("model_*"))
+
+
 def test_a_world_file_may_lie_behind_a_link(robot, tmp_path):
     (tmp_path / "deep" / "er").mkdir(parents=True)
     (tmp_path / "link").symlink_to(tmp_path / "deep" / "er")

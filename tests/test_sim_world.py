@@ -548,6 +548,7 @@ def test_causes_of_drives_are_for_drives_at_their_joint(tmp_path, odd):
     (tmp_path / "arm.xml").write_text(text)
     world = nominal(Task(), tmp_path / "arm.xml")
     add_cause(world, "payload", ["a"], 0.1)
+    add_cause(world, "command_delay", ["a"], 0.02)  # what it is told, however it acts
     with pytest.raises(ValueError, match="actuator 'arm' has a gear or an activation"):
         add_cause(world, "torque_saturation", ["a"], 2.0)
 

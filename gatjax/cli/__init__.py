@@ -89,7 +89,9 @@ def _line(error: Exception) -> str:
 
 
 def _runs(chosen: Any) -> set[Path]:
-    """The run folders that are there where a verb begins one."""
+    """The run folders that are there where a verb begins one, or its diagnosis."""
+    if isinstance(chosen, Diagnose):
+        return {file for file in [chosen.out / "diagnosis.json"] if file.exists()}
     if not isinstance(chosen, Run) or chosen.resume:
         return set()
     return {file.parent for file in chosen.out.glob("*/environment.json")}
@@ -116,6 +118,6 @@ def _kept(chosen: Any, before: set[Path]) -> str:
         if isinstance(chosen, Collect) and chosen.motion is not None:
             return f"its frames are in {chosen.out.with_suffix('')}"
         return "the same command goes on after the walks that are there"
-    if isinstance(chosen, Diagnose) and (chosen.out / "diagnosis.json").exists():
+    if isinstance(chosen, Diagnose) and before:
         return f"{chosen.out} keeps the earlier diagnosis"
     return "nothing was kept"

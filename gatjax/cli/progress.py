@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.progress import (
     BarColumn,
     Progress,
+    TaskID,
     TaskProgressColumn,
     TextColumn,
     TimeElapsedColumn,
@@ -37,14 +38,20 @@ def shown(total: float) -> Iterator[Teller]:
             yield _heeding(
                 stage=lambda text: bar.update(task, description=text),
                 work=lambda units: bar.advance(task, units),
-                past=lambda units: bar.reset(
-                    task,
-                    completed=bar.tasks[task].completed + units,  # pyright: ignore
-                ),
+                past=lambda units: _skip(bar, task, units),
             )
         return
     with lines(total) as teller:
         yield teller
+
+
+def _skip(bar: Progress, task: TaskID, units: float) -> None:
+    """Begin where an earlier session ended: that took no time of this one."""
+    if units:
+        known = bar.tasks[task]
+        begun, done = known.start_time, known.completed + units
+        bar.reset(task, completed=done)  # pyright: ignore[reportArgumentType]
+        known.start_time = begun
 
 
 def _heeding(

@@ -290,6 +290,9 @@ def check_ending(path: Path) -> str:
     return path.suffix
 
 
+FACTS = {"robot", "base", "rate_hz"}  # one of which a recording by hand tells
+
+
 def check_output(path: Path) -> None:
     """Refuse a name for a recording to write that has no ending, or costs a file.
 
@@ -302,8 +305,8 @@ def check_output(path: Path) -> None:
         facts = told_of(path) if path.is_file() else {"schema": None}
     except ValueError:
         facts = {"schema": None}
-    written = (isinstance(v, str) or key == "rate_hz" for key, v in facts.items())
-    if "schema" in facts or not all(written):
+    own = all(isinstance(v, str) for v in facts.values()) or FACTS & facts.keys()
+    if "schema" in facts or not own:
         raise ValueError(
             f"{beside} would be written over by the metadata of {path}, and is no part "
             f"of a recording; choose another --out, or one that ends in .parquet"

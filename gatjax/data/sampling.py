@@ -17,6 +17,7 @@ SLOW = 0.05  # s, the longest period that delays and reversals can be seen with
 COARSE = 0.01  # rad, half a degree: coarser steps hide most effects
 LONGEST = 900.0  # s of a trajectory
 LASTING, ROWS = 1.0, 30  # s and rows of the shortest trajectory
+LEAKS = 0.7  # share that sixth differences find where motion leaks into second ones
 CALM = 16  # samples that noise is measured over at a time
 LEAST_USUAL = 2e-4  # s, a usual period is between this and SLOW
 LONG = 0.1  # s of a gap in which commands may have been sent that matter
@@ -232,11 +233,12 @@ def noise_of(runs: Sequence[np.ndarray]) -> float:
     """Noise, rad, of readings [N] of runs, from the calmer quarter of differences.
 
     White noise of size s has second differences of size s sqrt(6), and sixth ones of
-    s sqrt(924). Motion adds to both, at few rows a second less to sixth ones, so calm
-    parts count, and the smaller.
+    s sqrt(924). Motion adds to both, so calm parts count; where it leaks into second
+    ones, at few rows a second, sixth ones tell less of it.
     """
-    least = min(_level(runs, 2, np.sqrt(6.0)), _level(runs, 6, np.sqrt(924.0)))
-    return least if np.isfinite(least) else 0.0
+    second, sixth = _level(runs, 2, np.sqrt(6.0)), _level(runs, 6, np.sqrt(924.0))
+    found = sixth if sixth < LEAKS * second else second
+    return found if np.isfinite(found) else 0.0
 
 
 def _level(runs: Sequence[np.ndarray], order: int, spread: float) -> float:

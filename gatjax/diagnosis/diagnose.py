@@ -115,7 +115,7 @@ def diagnose(
     text["made_by"] = _made_by(start, seed, allowed)
     text["seconds"] = round(time.monotonic() - began, 1)
     odd = odd_sensors(text["signals"], ", ".join(log.name for log in files.fit))
-    text["data_checks"] = [*files.checks, *odd]
+    text["data_checks"] = [*odd, *files.checks]
     write_json(out / "diagnosis.json", text)
     return text
 

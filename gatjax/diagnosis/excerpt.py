@@ -64,8 +64,7 @@ def excerpt(logs: Sequence[Recording], joints: int) -> list[Recording]:
     shares = lasts / lasts.sum() * enough / np.clip(lasts, 1e-3, PIECE)
     many = len(runs) > enough / PIECE
     thinned = np.diff(np.floor(np.cumsum(shares) + 0.5), prepend=0.0)
-    some = np.maximum(np.rint(shares), 1.0)
-    counts = (thinned if many else some).astype(int).tolist()
+    counts = (thinned if many else _parts(shares, enough / PIECE)).astype(int).tolist()
     out = []
     for log in logs:
         mine = [(rows, n) for (one, rows), n in zip(runs, counts, strict=True)
@@ -73,6 +72,14 @@ def excerpt(logs: Sequence[Recording], joints: int) -> list[Recording]:
         if mine:
             out.append(_cut(log, mine))
     return out
+
+
+def _parts(shares: np.ndarray, total: float) -> np.ndarray:
+    """Whole numbers [N] near shares, one at least; largest remainders round up."""
+    counts = np.maximum(np.floor(shares), 1.0)
+    left = max(int(np.ceil(total - 1e-9) - counts.sum()), 0)
+    counts[np.argsort(counts - shares, kind="stable")[:left]] += 1.0
+    return counts
 
 
 def source(piece: JointRun, whole: Sequence[JointRun]) -> int:

@@ -27,7 +27,7 @@ from gatjax.sim.world import Values, World, stacked, stiffened
 UPRIGHT = 0.7  # least upward part of the torso's axis; below, a robot has fallen
 SETTLE = 0.5  # s at the first command before a log
 BACK, LOOK = 6, 0.06  # samples, at least, and s of the parabola that gives a speed
-STRAY = 0.25  # of a tick that rows may come off it
+STRAY, EVEN = 0.25, 0.9  # of a tick that so many of the rows may come off it
 BRIEF = 1e-3  # s over which a joint's velocity is taken
 APART = 10_000  # blocks between two runs' numbers
 BLOCK = 1.0  # s that the bootstrap draws together
@@ -63,8 +63,8 @@ def ticked(run: JointRun, period: float) -> JointRun:
     held = np.searchsorted(stamps, even + STRAY * period, side="right") - 1
     told, begun = run.command, np.diff(held, prepend=-1) > 0
     run = run.part(held)._replace(time=even)
-    astray = np.abs(even - stamps[held])[begun].max() > STRAY * period
-    if begun.sum() == len(stamps) and not astray:
+    near = (np.abs(even - stamps[held]) <= STRAY * period)[begun].sum()
+    if near >= EVEN * len(stamps):
         return run
     return run._replace(command=_mean(stamps, told, even, period))
 

@@ -161,6 +161,9 @@ def _write_geoms(
     spec: mujoco.MjSpec, model: mujoco.MjModel, changed: mujoco.MjModel
 ) -> None:
     """Write what a world changes in floor and soles."""
+    for pair in spec.pairs:
+        pair.friction[:] = changed.pair_friction[pair.id]
+        pair.solref[:] = changed.pair_solref[pair.id]
     for geom in spec.geoms:
         k = geom.id
         geom.friction[:] = changed.geom_friction[k]

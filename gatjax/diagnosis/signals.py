@@ -35,7 +35,8 @@ def odd_sensors(rows: Sequence[dict[str, Any]], file: str) -> list[dict[str, Any
             f"sign and unit of this column, and whether it is this sensor's",
         }
         for row in rows
-        if row["extended_rms"] > max(ASTRAY * row["measured_rms"], LOUD * row["noise"])
+        if min(row["extended_rms"], row["measured_rms"]) > LOUD * row["noise"]
+        and row["extended_rms"] > ASTRAY * row["measured_rms"]
     ]  # fmt: skip
 
 

@@ -44,8 +44,8 @@ def write_world(path: Path, world: World, made_by: dict, grounding: str | None) 
 def carried(world: World, folder: Path) -> World:
     """A world whose model lies in a folder, with all files that it needs.
 
-    Meshes and included files keep their places to each other. A shipped model, or one
-    that lies in the folder already, stays where it is.
+    Meshes and included files keep their places to each other. A shipped model, one that
+    lies in the folder already, and one whose copy cannot be loaded stay where they are.
 
     Args:
         world: to be written there.
@@ -64,6 +64,11 @@ def carried(world: World, folder: Path) -> World:
     for part, file in files.items():
         (place / part).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(file, place / part)
+    try:
+        robot_model.load(place / name)
+    except ValueError:  # paths that lead through folders without a file of it
+        shutil.rmtree(place)
+        return world
     return replace(world, source=str(place / name))
 
 
@@ -73,7 +78,8 @@ def model_files(source: Path) -> tuple[str, dict[str, Path]]:
     Included models, meshes and pictures lie where they do, below one folder.
     """
     source = source.parent.resolve() / source.name
-    files = sorted({*mujoco.mju_getXMLDependencies(str(source)), str(source)})
+    files = {*mujoco.mju_getXMLDependencies(str(source)), str(source)}
+    files = sorted(file for file in files if os.path.isfile(file))  # some may not count
     base = os.path.commonpath([os.path.dirname(file) for file in files])
     near = {Path(os.path.relpath(file, base)).as_posix(): Path(file) for file in files}
     return source.relative_to(base).as_posix(), near

@@ -145,6 +145,10 @@ def add_sensor(world: World, name: str, effect: Effect, params: Any) -> World:
     )
 
 
+ANGLED = ("dead_band", "encoder_offset", "encoder_scale", "speed_limit")
+"""Causes in motors that turn a target by the joint's angle."""
+
+
 def add_cause(
     world: World,
     name: str,
@@ -178,7 +182,8 @@ def add_cause(
     places = [causes.places(world.model, row, part) for part in parts]
     if role != "calibration" or any(part.slot != "body" for part in parts):
         check_range(name, entry, full)
-    if any(part.slot in ("motor", "joint", GEAR) for part in parts):
+    angled = name in ANGLED and any(part.slot == "motor" for part in parts)
+    if angled or any(part.slot in ("joint", GEAR) for part in parts):
         derived.check_drives(world.model, name)
     added: dict[str, Any] = {}
     numbers: dict[str, Any] = {}

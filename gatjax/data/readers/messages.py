@@ -177,6 +177,9 @@ class Collector:
             group: {name: each.whole() for name, each in series.items()}
             for group, series in self.series.items() if group not in self.uneven
         }  # fmt: skip
+        for group in [g for g, series in used.items() if not len(series[TIME])]:
+            notes.append(f"{path}: {group} left out, none of it is a number")
+            del used[group]
         begins = [series[TIME][0] + moves.get(group, 0.0)
                   for group, series in used.items()]  # fmt: skip
         for group, series in used.items():

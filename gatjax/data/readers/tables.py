@@ -64,6 +64,9 @@ def read(path: Path, tell: Tell, given: Given) -> Source:
         line = str(error).splitlines()[0]
         raise ValueError(f"{path}: not a readable table: {line}") from error
     _check_texts(path, words, marks.point)
+    given = given._replace(
+        time=given.time and given.time.strip(), run=given.run and given.run.strip()
+    )
     names = [*numbers, *words, *left]
     stamp = stamps_of(numbers, given)
     if stamp is None or len(numbers[stamp]) == 0:
@@ -203,7 +206,7 @@ def _wanted(path: Path, names: list[str], given: Given) -> list[str]:
     """Columns that are to be read, of those that a table has."""
     plain = [name.strip() for name in names]
     check_once(path, plain)
-    needed = (*TIMES, given.time, given.run)
+    needed = {*TIMES, *(n.strip() for n in (given.time, given.run) if n)}
     return [
         name for name, n in zip(names, plain, strict=True)
         if n.lower() in needed or n in needed or not given.skips(n)
@@ -253,7 +256,7 @@ def _marks(path: Path) -> Marks:
     cells = re.split(rf"[{between}\r\n]".encode(), first)
     commas = sum(bool(DECIMAL.fullmatch(cell)) for cell in cells)
     points = sum(bool(DECIMAL.fullmatch(cell.replace(b".", b","))) for cell in cells)
-    return Marks(between, "," if commas > points - commas else ".")
+    return Marks(between, "," if commas and commas >= points - commas else ".")
 
 
 def _kind_to_be(kind: pa.DataType, empty: pa.DataType) -> pa.DataType:
