@@ -62,7 +62,7 @@ def test_sensors_that_are_nothing_like_simulated_ones_are_told():
         return {"name": name, "unit": "N", "noise": 0.5, "nominal_rms": 9.0,
                 "extended_rms": left, "measured_rms": varies}  # fmt: skip
 
-    rows = [row("force.LF", 13.9, 12.0), row("force.RF", 4.0, 12.0),
+    rows = [row("force.LF", 13.9, 12.0), row("force.RF", 6.0, 12.0),
             row("force.tip", 0.9, 0.5), row("torque.arm", 9.0, 0.0)]  # fmt: skip
     (told,) = odd_sensors(rows, "a.csv, b.csv")
     assert told["level"] == "warning" and told["file"] == "a.csv, b.csv"
