@@ -85,21 +85,25 @@ def test_the_first_second_of_a_log_that_starts_in_motion_does_not_count():
     assert len(errors.block) == 2 * len(TIME) - 101
 
 
+def sampled(path, stamps, told):
+    """A log of commands [N, 1] at stamps, as a world of fine ticks follows them."""
+    fine = nominal(Task(control_period=1e-3), path)
+    every = 1e-3 * np.arange(int(1e3 * stamps[-1]))
+    held = told[np.searchsorted(stamps, every + 1e-9, side="right") - 1]
+    (angle,) = measure.whole_log(fine, [JointRun(0, every, held, 0.0 * held)])
+    seen = np.interp(stamps, every, angle[:, 0])[:, None]
+    return JointRun(0, stamps, told, seen)
+
+
 @pytest.mark.parametrize("rate", [1.0, 0.99])
 def test_commands_of_another_rate_are_as_late_as_they_were(tmp_path, rate):
     """A perfect world follows a log at 99 Hz though it ticks at 100."""
     path = tmp_path / "arm.xml"
     path.write_text(MODEL)
-    fine = nominal(Task(control_period=1e-3), path)
     stamps = PERIOD / rate * np.arange(300)
-    every = 1e-3 * np.arange(int(1e3 * stamps[-1]))
-    told = 0.6 * np.sin(5.0 * stamps)[:, None]
-    held = told[np.searchsorted(stamps, every + 1e-9, side="right") - 1]
-    (angle,) = measure.whole_log(fine, [JointRun(0, every, held, 0.0 * held)])
-    seen = np.interp(stamps, every, angle[:, 0])[:, None]
-    run = JointRun(0, stamps, told, seen)
+    run = sampled(path, stamps, 0.6 * np.sin(5.0 * stamps)[:, None])
     (found,) = measure.whole_log(nominal(Task(control_period=PERIOD), path), [run])
-    assert np.abs(found - seen)[:-2].max() < 4e-3
+    assert np.abs(found - run.angle)[:-2].max() < 4e-3
 
 
 @pytest.mark.parametrize("jitter", [0.0, 5e-4, 2e-3])
@@ -107,19 +111,13 @@ def test_commands_whose_stamps_wander_are_as_late_as_they_were(tmp_path, jitter)
     """Sleeps that add up: stamps come anywhere between ticks of their mean period."""
     path = tmp_path / "arm.xml"
     path.write_text(MODEL)
-    fine = nominal(Task(control_period=1e-3), path)
     steps = np.random.default_rng(3).normal(10.0, 1e3 * jitter, 1000)
     stamps = 1e-3 * np.cumsum(np.maximum(np.round(steps), 2.0))
     stamps -= stamps[0]
-    every = 1e-3 * np.arange(int(1e3 * stamps[-1]))
-    told = 0.5 * np.sin(5.6 * stamps)[:, None]
-    held = told[np.searchsorted(stamps, every + 1e-9, side="right") - 1]
-    (angle,) = measure.whole_log(fine, [JointRun(0, every, held, 0.0 * held)])
-    seen = np.interp(stamps, every, angle[:, 0])[:, None]
-    run = JointRun(0, stamps, told, seen)
+    run = sampled(path, stamps, 0.5 * np.sin(5.6 * stamps)[:, None])
     world = nominal(Task(control_period=measure.mean_period([stamps])), path)
     (found,) = measure.whole_log(world, [run])
-    assert np.sqrt(np.square(found - seen)[:-2].mean()) < 1.5e-3
+    assert np.sqrt(np.square(found - run.angle)[:-2].mean()) < 1.5e-3
 
 
 def test_rows_a_second_apart_are_predicted_by_one():

@@ -158,8 +158,8 @@ def instead(
     bad = [k for k in last if not adequate(judge, k)]
     many, two = len(causes) - start > 2, len(causes) - start == 2
     (prior, claims), tried = before[start], causes[start].claim
-    poor = [k for k in last if judge.known[k].rms() > POOR * judge.joints[k].noise]
-    poor = poor if two else []
+    poor = [k for k in last
+            if two and judge.known[k].rms() > POOR * judge.joints[k].noise]  # fmt: skip
     room = len(prior.accepted) == start and start + 2 <= judge.most
     alone = all(set(c.claim.fits) <= last for c in causes[start:])
     if not (room and alone and len(last) <= LOCAL and (bad or many or poor)):

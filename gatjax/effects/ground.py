@@ -10,11 +10,18 @@ from gatjax.effects.body import now
 
 Array = Any
 Fields = dict[str, Array]
+SLIDING = {"geom": 1, "pair": 2}  # numbers that are of sliding, in `friction` of each
 
 
 def touching(model: Any) -> np.ndarray:
     """Return geoms of a MuJoCo model that can touch something, [...] ids."""
     return np.flatnonzero(model.geom_contype | model.geom_conaffinity)
+
+
+def _contacts(model: Any) -> dict[str, np.ndarray]:
+    """Rows of a model's fields that contacts go by: geoms, and pairs that it names."""
+    pairs = {"pair": np.arange(model.npair)} if model.npair else {}
+    return {"geom": touching(model), **pairs}
 
 
 def friction(model: Any, fields: Fields, mu: Array) -> Fields:
@@ -23,27 +30,22 @@ def friction(model: Any, fields: Fields, mu: Array) -> Fields:
     MuJoCo takes the larger of two geoms, or that of the geom with priority; pairs that
     a model names have their own.
     """
-    field = now(model, fields, "geom_friction")
-    if not np.isnan(mu):
-        field[touching(model), 0] = mu
-    fields = fields | {"geom_friction": field}
-    if model.npair and not np.isnan(mu):
-        pairs = now(model, fields, "pair_friction")
-        pairs[:, :2] = mu
-        fields = fields | {"pair_friction": pairs}
+    for kind, own in _contacts(model).items():
+        field = now(model, fields, f"{kind}_friction")
+        if not np.isnan(mu):
+            field[own, : SLIDING[kind]] = mu
+        fields = fields | {f"{kind}_friction": field}
     return fields
 
 
 def compliance(model: Any, fields: Fields, time_constant: Array) -> Fields:
     """Set the time constant of contacts, s; NaN is neutral. MuJoCo's `solref`."""
-    names = ("geom_solref", "pair_solref") if model.npair else ("geom_solref",)
-    for name in names:
-        field = now(model, fields, name)
+    for kind, own in _contacts(model).items():
+        field = now(model, fields, f"{kind}_solref")
         if not np.isnan(time_constant):
-            own = touching(model) if name == "geom_solref" else np.arange(model.npair)
             field[own, 1] = np.where(field[own, 0] > 0.0, field[own, 1], 1.0)
             field[own, 0] = time_constant
-        fields = fields | {name: field}
+        fields = fields | {f"{kind}_solref": field}
     return fields
 
 

@@ -31,3 +31,9 @@ def tilt_of(quaternion: Array) -> Array:
     w, x, y, z = quaternion
     roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
     return np.array([roll, np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))])
+
+
+def tilt_below(up: Array) -> Array:
+    """Roll and pitch [2] of a torso, rad, in whose axes this [3] is up (any length)."""
+    x, y, z = up
+    return np.array([np.arctan2(y, z), np.arctan2(-x, np.hypot(y, z))])

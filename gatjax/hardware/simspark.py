@@ -16,7 +16,7 @@ import numpy as np
 from gatjax.hardware.agent import Agent, named, parse
 from gatjax.hardware.frames import BadFrame, Command, Frame, Lost
 from gatjax.hardware.monitor import Monitor
-from gatjax.hardware.poses import placed, tilt_of
+from gatjax.hardware.poses import placed, tilt_below, tilt_of
 from gatjax.records import JOINTS, Reading
 
 Array = Any
@@ -68,12 +68,6 @@ SENSED = {name.replace("e", "j"): place for place, name in enumerate(EFFECTORS)}
 """What a joint is called where it is sensed ("hj1" of "he1") -> its place there."""
 FOLLOWER = EFFECTORS.index("rle1")  # of two hips that turn together the left one counts
 FRONT, REAR, OUTER, INNER = 0.0703, -0.03, 0.0299, -0.0211  # m, foot sensors [URDF]
-
-
-def _hanging(pull: np.ndarray) -> np.ndarray:
-    """Roll and pitch [2], rad, of what an accelerometer [3] says is up, in the mean."""
-    x, y, z = pull
-    return np.array([np.arctan2(y, z), np.arctan2(-x, np.hypot(y, z))])
 
 
 class Type(NamedTuple):
@@ -199,7 +193,7 @@ class SimSpark:
         if base is None and self.monitor is not None:
             base = self.monitor.base()
         self._pulls.append(pull)
-        tilt = _hanging(np.mean(self._pulls, axis=0))
+        tilt = tilt_below(np.mean(self._pulls, axis=0))
         if base is not None:
             tilt = tilt_of(base.quaternion)
         return Frame(

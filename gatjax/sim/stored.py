@@ -25,10 +25,8 @@ def write_world(path: Path, world: World, made_by: dict, grounding: str | None) 
     """Write world.json, whole or not at all."""
     source = world.source
     if source not in robot_model.SHIPPED:  # beside the world file: both can move
-        there = robot_model.model_file(source)  # links lead to other parents
-        source = os.path.relpath(
-            there.parent.resolve() / there.name, path.parent.resolve()
-        )
+        there = _straight(robot_model.model_file(source))
+        source = os.path.relpath(there, path.parent.resolve())
     text = {
         "schema": SCHEMA,
         "model": source,
@@ -72,12 +70,17 @@ def carried(world: World, folder: Path) -> World:
     return replace(world, source=str(place / name))
 
 
+def _straight(file: Path) -> Path:
+    """A file's path without links on the way to it, which lead to other parents."""
+    return file.parent.resolve() / file.name
+
+
 def model_files(source: Path) -> tuple[str, dict[str, Path]]:
     """A model file's name among all files that it needs, by their places to each other.
 
     Included models, meshes and pictures lie where they do, below one folder.
     """
-    source = source.parent.resolve() / source.name
+    source = _straight(source)
     files = {*mujoco.mju_getXMLDependencies(str(source)), str(source)}
     files = sorted(file for file in files if os.path.isfile(file))  # some may not count
     base = os.path.commonpath([os.path.dirname(file) for file in files])

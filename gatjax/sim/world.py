@@ -24,6 +24,8 @@ from gatjax.sim.causes import GEAR
 from gatjax.task import Task
 
 ROLES = ("cause", "calibration", "bound")
+ANGLED = ("dead_band", "encoder_offset", "encoder_scale", "speed_limit")
+"""Causes in motors that turn a target by the joint's angle."""
 SENSOR_NOISE = Reading(angle=0.0, gyro=0.005, accelerometer=0.0, force=0.03)
 """Nominal simulator: gyro 5 mrad/s (HULKs' simulator), foot forces 3 % [A]."""
 
@@ -143,10 +145,6 @@ def add_sensor(world: World, name: str, effect: Effect, params: Any) -> World:
         sensor={**world.sensor, name: effect},
         values=world.values._replace(sensor={**world.values.sensor, name: params}),
     )
-
-
-ANGLED = ("dead_band", "encoder_offset", "encoder_scale", "speed_limit")
-"""Causes in motors that turn a target by the joint's angle."""
 
 
 def add_cause(

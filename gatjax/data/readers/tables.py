@@ -54,6 +54,9 @@ def read(path: Path, tell: Tell, given: Given) -> Source:
     Raises:
         ValueError: one line: not a table, no time, text among the numbers.
     """
+    given = given._replace(  # as names are taken, too
+        time=given.time and given.time.strip(), run=given.run and given.run.strip()
+    )
     try:
         marks = _marks(path)
         try:
@@ -64,9 +67,6 @@ def read(path: Path, tell: Tell, given: Given) -> Source:
         line = str(error).splitlines()[0]
         raise ValueError(f"{path}: not a readable table: {line}") from error
     _check_texts(path, words, marks.point)
-    given = given._replace(
-        time=given.time and given.time.strip(), run=given.run and given.run.strip()
-    )
     names = [*numbers, *words, *left]
     stamp = stamps_of(numbers, given)
     if stamp is None or len(numbers[stamp]) == 0:
@@ -206,7 +206,7 @@ def _wanted(path: Path, names: list[str], given: Given) -> list[str]:
     """Columns that are to be read, of those that a table has."""
     plain = [name.strip() for name in names]
     check_once(path, plain)
-    needed = {*TIMES, *(n.strip() for n in (given.time, given.run) if n)}
+    needed = (*TIMES, given.time, given.run)
     return [
         name for name, n in zip(names, plain, strict=True)
         if n.lower() in needed or n in needed or not given.skips(n)
