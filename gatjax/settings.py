@@ -71,6 +71,9 @@ class LoopSettings:
     oracle: a search on the robot itself, the ceiling."""
     explain: bool = False
     """Diagnose the robot first, and compare GAT in the simulation extended by that."""
+    world: str | None = None
+    """world.json (of a diagnosis, say) of the simulator to begin with, without a
+    grounding; ideal if left out. The run keeps a copy."""
     iterations: int = 1
     """Grounding iterations: re-ground on the best walk found and search again."""
     robot_trajectories: int = 50

@@ -324,7 +324,7 @@ def test_a_grounding_starts_from_a_world_without_one(tmp_path, capsys):
     line = refused(capsys, ground(tmp_path, "--world", str(path)))
     assert "has a grounding already" in line
     plain = world_file(tmp_path / "plain", ("command_delay", 0.02))
-    world = verbs.ungrounded(plain, nominal().task)
+    world = loop.ungrounded(plain, nominal().task)
     assert [row["cause"] for row in world.causes] == ["command_delay"]
 
 
@@ -410,7 +410,7 @@ def test_a_live_view_needs_a_display(monkeypatch):
 
 
 def test_a_folder_stands_for_its_world_file(tmp_path):
-    world = verbs.world_of(
+    world = verbs.walker_of(
         world_file(tmp_path, ("backlash", 0.01)).parent, nominal().task
     )
     assert [cause["cause"] for cause in world.causes] == ["backlash"]

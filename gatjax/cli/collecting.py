@@ -8,7 +8,14 @@ import numpy as np
 
 from gatjax import motions
 from gatjax.cli import arguments as verbs
-from gatjax.cli.inputs import check_least, check_seconds, policy_of, robot_of
+from gatjax.cli.inputs import (
+    check_least,
+    check_seconds,
+    policy_of,
+    robot_of,
+    walker_of,
+    world_of,
+)
 from gatjax.cli.progress import shown_beside
 from gatjax.data.recording import Recording, check_output, write_recording
 from gatjax.data.trajectories import to_recording
@@ -42,7 +49,8 @@ def record(verb: verbs.Collect) -> None:
     asked = None if verb.motion is None else motions.motion(verb.motion)
     task = task_at(verb.rate_hz) if walks else playing_at(verb.rate_hz, verb.robot)
     folder = verb.out.with_suffix("")
-    robot = robot_of(verb.robot, verb.body_seed, verb.world, task, folder)
+    read = walker_of if walks else world_of
+    robot = robot_of(verb.robot, verb.body_seed, verb.world, task, folder, read)
     robot = hung_up(robot) if verb.hung else robot
     purpose = SIMULATOR_LOG if verb.robot == "simulator" else ROBOT_LOG
     drawn = seeds(purpose, verb.seed, runs_asked)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from gatjax.hardware.links import FORMS, is_hardware
 from gatjax.hardware.robot import Hardware
 from gatjax.hardware.terminal import Terminal
 from gatjax.sim.stored import read_world
+from gatjax.sim.walker import walker
 from gatjax.sim.world import World, nominal
 from gatjax.surrogate import ROBOTS, make_robot
 from gatjax.task import Task
@@ -23,17 +25,30 @@ MOST = 2**32 - 1  # that a random key takes as its seed
 
 def world_of(path: Path | None, task: Task) -> World:
     """Load a world with its grounding; the ideal simulator without a path."""
-    if path is None:
-        return nominal(task)
-    world, folder = read_world(path, task)
+    world, folder = (nominal(task), None) if path is None else read_world(path, task)
+    return _grounded(world, folder)
+
+
+def walker_of(path: Path | None, task: Task) -> World:
+    """The same of a NAO that walks; one that hangs is put on its feet.
+
+    Raises:
+        ValueError: one line: this robot cannot walk.
+    """
+    world, folder = (nominal(task), None) if path is None else read_world(path, task)
+    return _grounded(walker(world), folder)
+
+
+def _grounded(world: World, folder: Path | None) -> World:
     if folder is None:
         return world
     return grounders.grounded(world, grounders.read_grounding(folder))
 
 
 def robot_of(
-    name: str, body_seed: int, world: Path | None, task: Task, folder: Path
-) -> Any:
+    name: str, body_seed: int, world: Path | None, task: Task, folder: Path,
+    read: Callable[[Path | None, Task], World],
+) -> Any:  # fmt: skip
     """Return the robot of a command.
 
     Args:
@@ -42,9 +57,10 @@ def robot_of(
         world: of the simulator.
         task: of the simulator.
         folder: gets frames and finished walks of a robot behind a link.
+        read: of the simulator's world, `world_of` or `walker_of`.
     """
     if name == "simulator":
-        return loop.Simulator(world_of(world, task))
+        return loop.Simulator(read(world, task))
     if world is not None:
         raise ValueError(f"--world is for --robot simulator, not {name}")
     return robot_named(name, body_seed, folder, ("simulator",))

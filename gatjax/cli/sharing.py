@@ -17,14 +17,14 @@ import numpy as np
 
 from gatjax import loop
 from gatjax.cli.arguments import Search, Work
-from gatjax.cli.inputs import world_of
+from gatjax.cli.inputs import walker_of
 from gatjax.cli.resume import GROUNDING
 from gatjax.hosts import Crew, Task
 from gatjax.hosts.crew import Run
 from gatjax.loop.memory import frugal
 from gatjax.loop.steps import Share, physics, searched, unshared
 from gatjax.ranking import Evaluate
-from gatjax.robot.model import SHIPPED, check_walker
+from gatjax.robot.model import SHIPPED
 from gatjax.settings import LoopSettings
 from gatjax.sim.backend import costs, prepare
 from gatjax.sim.stored import model_files, world_file
@@ -71,7 +71,7 @@ def opened(verb: Search) -> Iterator[Share]:
 
 def _told(verb: Search) -> Task:
     """What a search tells hosts that join."""
-    world = world_of(verb.world, task_at(verb.rate_hz))
+    world = walker_of(verb.world, task_at(verb.rate_hz))
     facts = {
         "versions": {name: version(name) for name in SAME},
         "model": verb.model,
@@ -106,8 +106,7 @@ def prepared(task: Task, verb: Work) -> Run:
     with tempfile.TemporaryDirectory() as folder:
         _unpack(task.files, Path(folder))
         path = Path(folder) if task.files else None
-        world = world_of(path, task_at(task.facts["rate_hz"]))
-        check_walker(world.model, str(world.source))
+        world = walker_of(path, task_at(task.facts["rate_hz"]))
         settings = loop.resolved(
             LoopSettings(
                 model=task.facts["model"], backend=verb.backend, impl=verb.impl

@@ -23,7 +23,7 @@ from gatjax.cli.inputs import (
     policy_of,
     robot_named,
     robot_of,
-    world_of,
+    walker_of,
 )
 from gatjax.cli.progress import shown, shown_beside
 from gatjax.cli.resume import open_search, resumed
@@ -37,7 +37,6 @@ from gatjax.hosts import address_of, serve
 from gatjax.loop.setting import ORACLE
 from gatjax.report import build_report, headline, onward
 from gatjax.report.page import build_walk_page
-from gatjax.robot.model import check_walker
 from gatjax.runs import Progress
 from gatjax.search import checked
 from gatjax.settings import (
@@ -49,9 +48,8 @@ from gatjax.settings import (
 )
 from gatjax.sim.backend import use_compile_cache
 from gatjax.sim.poses import states, write_walk
-from gatjax.sim.stored import read_world
-from gatjax.sim.world import World, nominal
-from gatjax.task import Task, task_at
+from gatjax.sim.world import nominal
+from gatjax.task import task_at
 from gatjax.walk.parameters import THETA0
 
 
@@ -116,8 +114,7 @@ def ground(verb: verbs.Ground) -> None:
     """Learn a grounding and write it with its world file."""
     check_least(0, seed=verb.seed)
     task = task_at(verb.rate_hz)
-    world = ungrounded(verb.world, task)
-    check_walker(world.model, str(world.source))
+    world = loop.ungrounded(verb.world, task)
     mapping = None if verb.map is None else read_map(verb.map)
     theta, key = policy_of(verb.policy), jax.random.key(verb.seed)
     robot = logs.checked(read_recording(verb.robot_log, mapping), world, least=4)
@@ -152,18 +149,6 @@ def ground(verb: verbs.Ground) -> None:
     print(f"{verb.out / 'world.json'}: --world of collect, search, evaluate, view")
 
 
-def ungrounded(path: Path | None, task: Task) -> World:
-    """Load the world that a grounding starts from."""
-    if path is None:
-        return nominal(task)
-    world, folder = read_world(path, task)
-    if folder is not None:
-        raise ValueError(
-            f"{path} has a grounding already ({folder}); ground the world without it"
-        )
-    return world
-
-
 @act.register
 def search(verb: verbs.Search) -> None:
     """Search for a faster walk in one world."""
@@ -182,8 +167,7 @@ def search(verb: verbs.Search) -> None:
             model=verb.model, backend=verb.backend, impl=verb.impl, search=settings
         )
     )
-    world = world_of(verb.world, task_at(verb.rate_hz))
-    check_walker(world.model, str(world.source))
+    world = walker_of(verb.world, task_at(verb.rate_hz))
     key, theta = jax.random.key(verb.seed), policy_of(verb.policy)
     runs.make_folder(verb.out)
     open_search(verb, chosen, theta)
@@ -219,7 +203,7 @@ def evaluate(verb: verbs.Evaluate) -> None:
     if not 0.0 < verb.forward <= 1.0:
         raise ValueError(f"--forward is {verb.forward}; use more than 0, at most 1")
     task = task_at(verb.rate_hz, forward=verb.forward)
-    robot = robot_of(verb.robot, verb.body_seed, verb.world, task, verb.out)
+    robot = robot_of(verb.robot, verb.body_seed, verb.world, task, verb.out, walker_of)
     clear = len({path.stem for path in verb.policies}) == len(verb.policies)
     named = {
         path.stem if clear else str(path): runs.read_policy(path)
@@ -247,7 +231,9 @@ def view(verb: verbs.View) -> None:
     if not verb.live and verb.out.suffix not in (".html", ".mp4"):
         raise ValueError(f"--out {verb.out}: a walk ends in .html or .mp4")
     task = task_at(verb.rate_hz)
-    robot = robot_of(verb.robot, verb.body_seed, verb.world, task, verb.out.parent)
+    robot = robot_of(
+        verb.robot, verb.body_seed, verb.world, task, verb.out.parent, walker_of
+    )
     theta = policy_of(verb.policy)
     if not verb.live:
         runs.make_folder(verb.out.parent)

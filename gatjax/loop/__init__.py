@@ -1,5 +1,6 @@
 """Grounded simulation learning from logs to a walk, for any robot."""
 
+from gatjax.loop.beginning import ungrounded
 from gatjax.loop.candidates import Candidate, Job
 from gatjax.loop.ground import (
     ground,
@@ -32,5 +33,6 @@ __all__ = [
     "run_all",
     "stable",
     "total_work",
+    "ungrounded",
     "write_grounded",
 ]

@@ -19,10 +19,10 @@ from gatjax.loop.ground import STABILITY_ROLLOUTS, count_falls
 from gatjax.loop.setting import DIAGNOSIS_UNIT, Entry, Setting
 from gatjax.loop.staged import staged
 from gatjax.processors import shares
-from gatjax.robot.model import HUNG
 from gatjax.runs import Progress, write_whole
 from gatjax.sim.backend import prepare
 from gatjax.sim.stored import read_world, write_world
+from gatjax.sim.walker import lasting
 from gatjax.sim.world import World, add_rows
 from gatjax.walk.parameters import THETA0
 from gatjax.workers import Workers
@@ -30,7 +30,6 @@ from gatjax.workers import Workers
 EXPLAINED = "explained"
 EXTENDED, DIAGNOSED = "extended.json", "diagnosis/diagnosis.json"  # in the run folder
 SKIPPED = "diagnosis/skipped.txt"
-MOUNTING = "gravity_tilt"  # of a hung robot: it is left behind where it walks
 MEMORY = 4e9  # bytes of the machine for a diagnosis, which takes half of them
 
 
@@ -162,8 +161,7 @@ def extended(setting: Setting, walks: Recording) -> World:
     """
     folder = setting.folder / "diagnosis"
     found, _ = read_world(folder / "world.json", setting.task)
-    hung = found.source == HUNG
-    rows = [row for row in found.causes if not (hung and row["cause"] == MOUNTING)]
+    rows = lasting(found)
     if not rows:
         raise ValueError(
             "the diagnosis changes nothing: GAT after it would be GAT alone"

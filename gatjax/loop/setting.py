@@ -11,6 +11,7 @@ import jax
 import numpy as np
 
 from gatjax.grounding.learn import METHODS, check_needs
+from gatjax.loop.beginning import ungrounded
 from gatjax.loop.candidates import KINDS
 from gatjax.loop.recheck import rechecks
 from gatjax.records import Array, Outcome, Trajectory
@@ -82,7 +83,7 @@ class Setting(NamedTuple):
     folder: Path
     settings: LoopSettings
     task: Task
-    world: World  # the nominal simulator
+    world: World  # that the run begins with
     robot: Robot
     progress: Progress
 
@@ -155,7 +156,12 @@ def resolved(settings: LoopSettings) -> LoopSettings:
     for name in ("robot_trajectories", "simulator_trajectories"):
         if getattr(settings, name) < 4:
             raise ValueError(f"{name} is {getattr(settings, name)}; use 4 or more")
-    task_at(settings.rate_hz)
+    if settings.explain and settings.world is not None:
+        raise ValueError(
+            "explain looks for what the ideal simulator lacks, and world is another "
+            "one; leave out one of the two"
+        )
+    ungrounded(settings.world, task_at(settings.rate_hz))
     checked(settings.search)
     if settings.model not in MODELS:
         raise ValueError(

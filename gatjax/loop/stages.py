@@ -15,6 +15,7 @@ from pathlib import Path
 from gatjax import processors, runs
 from gatjax.data.recording import Recording
 from gatjax.grounding.learn import grounded
+from gatjax.loop.beginning import beginning
 from gatjax.loop.candidates import Candidate, Job
 from gatjax.loop.collect import collect
 from gatjax.loop.evaluate import Shown, confirm, evaluate, nothing, show, winner
@@ -27,7 +28,6 @@ from gatjax.loop.setting import ORACLE, Away, Entry, Robot, Setting
 from gatjax.records import Array
 from gatjax.runs import Progress
 from gatjax.settings import LoopSettings
-from gatjax.sim.world import nominal
 from gatjax.task import task_at
 from gatjax.walk.parameters import THETA0
 
@@ -64,8 +64,9 @@ def run_all(
     if len({dataclasses.replace(one, seed=0) for one in settings}) > 1:
         raise ValueError("trials side by side may differ in their seeds only")
     task = task_at(settings[0].rate_hz)
-    world, trials = nominal(task), []
+    trials = []
     for folder, one in zip(folders, settings, strict=True):
+        world = beginning(folder, one, task)
         trials.append(Setting(folder, one, task, world, robot, progress))
     begin(trials)
     compared = [each for alike in by_entry(entries(trials)) for each in alike]
