@@ -35,6 +35,32 @@ def test_a_joint_starts_where_its_encoder_says_what_was_measured(tmp_path, loop)
         assert error < 2e-3
 
 
+TWO = """
+<mujoco><option timestep="0.002"/><worldbody><body><joint name="a" axis="0 1 0"
+  armature="0.01" damping="0.4"/><geom size="0.05" pos="0 0 -0.15" mass="0.5"/>
+  <body pos="0 0 -0.2"><joint name="b" axis="0 1 0" armature="0.01" damping="0.4"/>
+  <geom size="0.05" pos="0 0 -0.15" mass="0.4"/></body></body></worldbody><actuator>
+  <position joint="a" kp="20" kv="0.2"/><position joint="b" kp="20" kv="0.2"/>
+</actuator></mujoco>"""
+
+
+def test_joints_that_are_seen_late_start_as_long_ago(tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(TWO)
+    plain = nominal(Task(control_period=PERIOD), path)
+    late = add_cause(plain, "measurement_delay", ["a"], {"delay": 0.035})
+    late = add_cause(late, "measurement_delay", ["b"], {"delay": 0.012})
+    both = np.hstack([COMMAND, -0.5 * COMMAND])
+    run = JointRun(0, TIME, both, 0.0 * both)
+    run = run._replace(angle=measure.whole_log(late, [run])[0])
+    cut = ahead.windows([run], PERIOD)
+    assert cut is not None
+    played = ahead.windowed(late, cut, PERIOD)
+    for horizon in ahead.HORIZONS:
+        error = ahead.window_errors(cut, played, horizon, PERIOD).rmse()
+        assert error.max() < 2e-3
+
+
 @pytest.fixture
 def lossy(tmp_path):
     path = tmp_path / "arm.xml"

@@ -5,10 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from gatjax.data.trajectories import GAP, JointRun
 from gatjax.diagnosis import chance
 from gatjax.diagnosis.measure import APART, BLOCK, Errors, back, speed, started
+from gatjax.robot.model import joint_names
 from gatjax.sim.native import Native
 from gatjax.sim.world import World, stiffened
 
@@ -63,23 +65,65 @@ def windowed(world: World, cut: Windows, period: float) -> np.ndarray:
     """Predictions [B, T, J] rad of windows, each from its measured start.
 
     The joints start where the world's encoders report what was measured, at the time
-    at which its clock says that it was.
+    at which its clock says that it was. Where they report late, that is as long ago.
     """
-    warm, rate = warming(period), _rate(world)
+    warm, rate, late = warming(period), _rate(world), _late(world)
+    early, angle, velocity = 0, cut.angle[:, :warm], cut.velocity
+    if late.any():  # and a row more, for what is read between two rows
+        early = min(int(np.ceil(late.max() / period - 1e-9)) + 1, warm - 2)
+        angle, velocity = _before(cut, early, late / period, period)
     # Row t holds the angle when command t comes into force: command warm - 1 acts
     # from the start on.
     commands, stiff = _in_force(cut, rate, period)
     world = world if (stiff == 1.0).all() else stiffened(world)
     native, count = Native(world), world.model.nu
-    rows = native.behind(world.values, cut.angle[:, :warm].reshape(-1, count))
-    angles = rows.reshape(len(cut.angle), warm, -1)
-    velocity = cut.velocity / rate
-    qpos, qvel = started(world, native, cut.angle[:, warm - 1], velocity)
+    rows = native.behind(world.values, angle.reshape(-1, count))
+    angles = rows.reshape(*angle.shape)
+    qpos, qvel = started(world, native, angle[:, -1], velocity / rate)
     drawn = [
         native.replay(world.values, commands, angles[:, :-1], qpos, qvel, stiff, noise)
         for noise in chance.draws(world, commands.shape)
     ]
-    return np.mean(drawn, axis=0)[:, : cut.angle.shape[1] - warm]
+    return np.mean(drawn, axis=0)[:, early:][:, : cut.angle.shape[1] - warm]
+
+
+def _late(world: World) -> np.ndarray:
+    """How late the log sees each joint, [J] s."""
+    names, late = joint_names(world.model), np.zeros(world.model.nu)
+    for row in world.causes:
+        if row["cause"] == "measurement_delay":
+            every = row["where"] == ["all"]
+            seen = [every or name in row["where"] for name in names]
+            late += np.where(seen, row["values"]["delay"], 0.0)
+    return late
+
+
+def _before(
+    cut: Windows, early: int, late: np.ndarray, period: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """What windows tell of joints that are seen late, up to some rows before the start.
+
+    Args:
+        cut: W rows up to the measured start.
+        early: rows.
+        late: [J] rows, at most `early`.
+        period: s between two rows.
+
+    Returns:
+        Angles [B, W - early, J] rad at those rows, and speeds [B, J] rad/s at the last.
+    """
+    warm = warming(period)
+    rows = np.arange(warm)
+    spline = CubicSpline(rows, cut.angle[:, :warm], axis=1)
+    at = rows[: warm - early, None] + np.minimum(late, early)
+    angle = np.stack([spline(at[:, k])[..., k] for k in range(len(late))], -1)
+    slopes = []
+    for k, row in enumerate(at[-1]):
+        last = min(warm, int(np.ceil(row)) + back(period) // 2 + 1)
+        near = slice(max(0, last - back(period)), last)
+        fitted = np.polyfit(rows[near] - row, cut.angle[:, near, k].T, 2)
+        slopes.append(fitted[1] / period)
+    return angle, np.stack(slopes, -1)
 
 
 def _rate(world: World) -> float:
