@@ -21,7 +21,7 @@ from gatjax.diagnosis.floor import (
     tolerances,
     weights,
 )
-from gatjax.diagnosis.floor.causes import suspects
+from gatjax.diagnosis.floor.causes import feet, suspects
 from gatjax.diagnosis.floor.channels import simulated
 from gatjax.diagnosis.floor.observed import _stack, binned
 from gatjax.diagnosis.floor.reaction import Frame
@@ -364,3 +364,22 @@ def test_a_robot_that_faces_south_turns_no_round(model: mujoco.MjModel) -> None:
     wrapped = np.angle(np.exp(1j * yaw))
     (seen,) = _stack({"orientation.yaw": wrapped}, ("orientation.yaw",))
     np.testing.assert_allclose(seen, yaw - yaw.mean(), atol=1e-9)
+
+
+PAIRED = """<mujoco><worldbody>
+  <geom name="floor" type="plane" size="1 1 1" contype="0" conaffinity="0"/>
+  <body name="foot" pos="0 0 0.3"><freejoint/>
+    <geom name="sole" type="box" size="0.1 0.05 0.02" mass="1" contype="0"
+      conaffinity="0"/>
+  </body></worldbody><contact>
+  <pair geom1="floor" geom2="sole" friction="0.6 0.6 0.005 0.0001 0.0001"
+    solref="0.01 1"/></contact></mujoco>"""
+
+
+def test_contacts_of_named_pairs_alone_are_contacts():
+    model = mujoco.MjModel.from_xml_string(PAIRED)
+    assert feet(model) == ["foot"]
+    axes = {each.cause: each.nodes[0, 0] for each in suspects(model)}
+    assert axes["ground_friction"] == pytest.approx(0.7 * 0.6)
+    assert axes["ground_compliance"] == pytest.approx(0.6 * 0.01)
+    assert put_down(model, np.zeros(0))[2] == pytest.approx(0.02, abs=1e-6)

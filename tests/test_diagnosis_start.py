@@ -13,13 +13,13 @@ import gatjax.surrogate.hidden
 from gatjax.data.recording import Recording
 from gatjax.diagnosis.bank import CAUSES, of_drive
 from gatjax.diagnosis.case import held, unfitted
-from gatjax.diagnosis.closeness import LONGEST, lasting
+from gatjax.diagnosis.closeness import LONGEST, beyond_noise, lasting
 from gatjax.diagnosis.diagnose import diagnose
 from gatjax.diagnosis.fit import Fit, evidence, spread
 from gatjax.diagnosis.given import Logs, given
 from gatjax.diagnosis.hypotheses import COUNT
 from gatjax.diagnosis.start import ADDING, Start, _unfit, read_start
-from gatjax.diagnosis.tolerances import USUAL, read_tolerances
+from gatjax.diagnosis.tolerances import USUAL, WIDE, read_tolerances
 from gatjax.effects.catalogue import CATALOGUE
 from gatjax.robot.model import joint_names, load
 from gatjax.sim.replay import replay_many
@@ -268,6 +268,8 @@ def test_residuals_that_last_count_as_one(tmp_path):
     assert lasting(joint, fit) == pytest.approx(0.5, rel=0.25)
     swapped = fit._replace(residual=np.resize([1.0, -1.0], len(fit.residual)))
     assert lasting(joint, swapped) == pytest.approx(PERIOD)
+    far = fit._replace(residual=np.full(len(fit.residual), 1e4))  # a diagnosis reads it
+    assert beyond_noise(joint, far) == WIDE
     long, again = fitted(lasting={"servo": 0.5})
     assert evidence(long, again) == pytest.approx(0.2 * evidence(joint, fit))
     assert spread(long) == pytest.approx(np.sqrt(5.0) * spread(joint))

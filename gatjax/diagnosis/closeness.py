@@ -15,7 +15,7 @@ from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.given import Given, Logs, given, judged
 from gatjax.diagnosis.joint import Joint
 from gatjax.diagnosis.start import started
-from gatjax.diagnosis.tolerances import SCHEMA, USUAL, Tolerances, surer
+from gatjax.diagnosis.tolerances import SCHEMA, USUAL, WIDE, Tolerances, surer
 from gatjax.diagnosis.verdict import Verdict
 from gatjax.sim.world import World
 
@@ -52,7 +52,7 @@ def left(
     pairs = list(zip(joints, fits, strict=True))
     return {
         "schema": SCHEMA, **sure,
-        "angle": {joint.name: _beyond_noise(joint, fit) for joint, fit in pairs},
+        "angle": {joint.name: beyond_noise(joint, fit) for joint, fit in pairs},
         "lasting": {joint.name: lasting(joint, fit) for joint, fit in pairs},
     }  # fmt: skip
 
@@ -75,6 +75,7 @@ def lasting(joint: Joint, fit: Fit) -> float:
     return float(np.clip(period * found, period, LONGEST))
 
 
-def _beyond_noise(joint: Joint, fit: Fit) -> float:
+def beyond_noise(joint: Joint, fit: Fit) -> float:
+    """RMS of what a fit leaves besides noise, rad; WIDE at most, as files may have."""
     noise = joint.noise**2 - joint.allowed.close(joint.name) ** 2
-    return float(np.sqrt(max(fit.rms() ** 2 - noise, 0.0)))
+    return float(np.sqrt(np.clip(fit.rms() ** 2 - noise, 0.0, WIDE**2)))

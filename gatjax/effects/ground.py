@@ -15,13 +15,19 @@ SLIDING = {"geom": 1, "pair": 2}  # numbers that are of sliding, in `friction` o
 
 def touching(model: Any) -> np.ndarray:
     """Return geoms of a MuJoCo model that can touch something, [...] ids."""
+    named = np.union1d(model.pair_geom1, model.pair_geom2).astype(int)
+    return np.union1d(_colliding(model), named)
+
+
+def _colliding(model: Any) -> np.ndarray:
+    """Geoms that touch others without a pair that names them."""
     return np.flatnonzero(model.geom_contype | model.geom_conaffinity)
 
 
-def _contacts(model: Any) -> dict[str, np.ndarray]:
+def contacts(model: Any) -> dict[str, np.ndarray]:
     """Rows of a model's fields that contacts go by: geoms, and pairs that it names."""
     pairs = {"pair": np.arange(model.npair)} if model.npair else {}
-    return {"geom": touching(model), **pairs}
+    return {"geom": _colliding(model), **pairs}
 
 
 def friction(model: Any, fields: Fields, mu: Array) -> Fields:
@@ -30,7 +36,7 @@ def friction(model: Any, fields: Fields, mu: Array) -> Fields:
     MuJoCo takes the larger of two geoms, or that of the geom with priority; pairs that
     a model names have their own.
     """
-    for kind, own in _contacts(model).items():
+    for kind, own in contacts(model).items():
         field = now(model, fields, f"{kind}_friction")
         if not np.isnan(mu):
             field[own, : SLIDING[kind]] = mu
@@ -40,7 +46,7 @@ def friction(model: Any, fields: Fields, mu: Array) -> Fields:
 
 def compliance(model: Any, fields: Fields, time_constant: Array) -> Fields:
     """Set the time constant of contacts, s; NaN is neutral. MuJoCo's `solref`."""
-    for kind, own in _contacts(model).items():
+    for kind, own in contacts(model).items():
         field = now(model, fields, f"{kind}_solref")
         if not np.isnan(time_constant):
             field[own, 1] = np.where(field[own, 0] > 0.0, field[own, 1], 1.0)

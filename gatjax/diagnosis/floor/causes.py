@@ -16,7 +16,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from gatjax.effects.ground import touching
+from gatjax.effects.ground import contacts, touching
 from gatjax.sim.world import Values, World, add_cause
 
 FIELDS = ("geom_friction", "geom_solref", "geom_pos", "geom_quat", "opt.gravity")
@@ -52,17 +52,24 @@ def feet(model: mujoco.MjModel) -> list[str]:
     return [model.body(int(b)).name for b in bodies if model.body_weldid[b] != 0]
 
 
+def of_contacts(model: mujoco.MjModel, field: str) -> np.ndarray:
+    """First number of `friction` or `solref` of contacts: of named pairs, if any."""
+    rows = contacts(model)
+    kind = "pair" if "pair" in rows else "geom"
+    return getattr(model, f"{kind}_{field}")[rows[kind], 0]
+
+
 def suspects(model: mujoco.MjModel) -> list[Suspect]:
     """Everything that is simulated for a model; `imu_misalignment` needs no physics."""
     size = np.deg2rad(1.5)
     lean = size * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
     found = [Suspect("gravity_tilt", "all", ("roll", "pitch"), lean, {}, 0.0, 0.5)]
-    geoms = touching(model)
-    mu = float(model.geom_friction[geoms, 0].max())
+    mu = float(of_contacts(model, "friction").max())
     slips = mu * np.array([[0.7], [0.45], [0.3], [0.2], [0.12], [0.07]])
     found.append(Suspect("ground_friction", "ground", ("mu",), slips, {}, 0.01, 3.0))
-    if (model.geom_solref[geoms, 0] > 0.0).all():  # else no times but springs
-        soft = max(float(model.geom_solref[geoms, 0].max()), 0.004)
+    times = of_contacts(model, "solref")
+    if (times > 0.0).all():  # else no times but springs
+        soft = max(float(times.max()), 0.004)
         waits = soft * np.array([[0.6], [1.7], [3.0], [5.0], [8.0], [13.0]])
         axes = ("time_constant",)
         found.append(

@@ -10,7 +10,7 @@ import numpy as np
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis.claims import PLACE, PRICE
 from gatjax.diagnosis.floor import causes, estimate, played
-from gatjax.diagnosis.floor.causes import Suspect
+from gatjax.diagnosis.floor.causes import Suspect, of_contacts
 from gatjax.diagnosis.floor.observed import (
     Observed,
     Weighed,
@@ -22,7 +22,6 @@ from gatjax.diagnosis.floor.observed import (
 )
 from gatjax.diagnosis.floor.played import Rows
 from gatjax.diagnosis.floor.standing import Standing
-from gatjax.effects.ground import touching
 from gatjax.effects.sensor import turned
 from gatjax.sim.world import World
 
@@ -232,7 +231,7 @@ def _along(scene: Scene, suspect: Suspect, seen: np.ndarray) -> FloorClaim:
 
 def _neutral(scene: Scene, suspect: Suspect) -> float:
     """The value of a parameter in the nominal model."""
-    model = scene.standing.model
-    field = {"mu": model.geom_friction, "time_constant": model.geom_solref}
-    name = suspect.axes[0]
-    return float(field[name][touching(model), 0].max()) if name in field else 0.0
+    field = {"mu": "friction", "time_constant": "solref"}.get(suspect.axes[0])
+    if field is None:
+        return 0.0
+    return float(of_contacts(scene.standing.model, field).max())
