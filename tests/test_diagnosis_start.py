@@ -23,7 +23,7 @@ from gatjax.diagnosis.tolerances import USUAL, WIDE, read_tolerances
 from gatjax.effects.catalogue import CATALOGUE
 from gatjax.robot.model import joint_names, load
 from gatjax.sim.replay import replay_many
-from gatjax.sim.stored import write_world
+from gatjax.sim.stored import read_world, write_world
 from gatjax.sim.world import add_cause, nominal, stacked
 from gatjax.task import Task
 
@@ -309,3 +309,21 @@ def test_stiction_of_a_joint_too_slow_to_show_it_is_not_looked_for(tmp_path):
     assert "stiction" in {each.cause for each in of_drive(joint, CAUSES)}
     still = joint._replace(grid=joint.grid._replace(path=0.0 * joint.grid.path))
     assert "stiction" not in {each.cause for each in of_drive(still, CAUSES)}
+
+
+def test_a_second_row_of_a_gear_changes_what_it_says_alone(tmp_path):
+    play = ("backlash", {"width": 0.02, "link_share": 0.4, "damping_ratio": 0.2})
+    spring = ("joint_elasticity", {"stiffness": 150.0, "damping_ratio": 0.3})
+    full = ("joint_elasticity", {"link_share": 0.4, **spring[1]})
+    worlds = []
+    for rows in ((play, spring), (play, full)):
+        written(tmp_path / "w.json", *rows)
+        world, _ = read_world(tmp_path / "w.json", Task(control_period=PERIOD))
+        start = read_start(tmp_path / "w.json")
+        law = start.joints(start.model())[0].law(2.0)
+        worlds.append((world.values.joint["gear"], law))
+    (gear, law), (expected, told) = worlds
+    for name in gear._fields:
+        np.testing.assert_array_equal(getattr(gear, name), getattr(expected, name))
+    assert law == told
+    assert (law["ratio"], law["link_share"], law["width"]) == (0.3, 0.4, 0.02)

@@ -135,20 +135,25 @@ class Start(NamedTuple):
     def _assumed(self, name: str, every: float) -> Assumed:
         """Of one joint; `every` is the sum of all torque limits, N m."""
         rows = [row for row in self.rows if {name, "all"} & set(row["where"])]
-        own = [(row["cause"], causes.completed(row)) for row in rows]
+        own = [(row["cause"], causes.completed(row), row["values"]) for row in rows]
 
         def law(limit: float) -> Numbers:
             found: Numbers = {}
-            for cause, values in own:
+            for cause, values, given in own:
                 told = numbers(cause, values, limit)
+                told |= {
+                    field: found[field]  # of the gear that is there, no default
+                    for field, name in _GEAR.items()
+                    if field in told and field in found and name not in given
+                }
                 added = {name: found.get(name, 0.0) + told[name] for name in told}
                 found |= added if cause in ADDING else told  # as in the simulator
             return found
 
-        sags = [values["total"] for cause, values in own if cause == "supply_sag"]
+        sags = [values["total"] for cause, values, _ in own if cause == "supply_sag"]
         total = (0.5 * every if np.isnan(sags[0]) else sags[0]) if sags else None
         named = {row["cause"] for row in rows if row.get("role") != "calibration"}
-        barred = frozenset(cause for cause, _ in own) - ADDING
+        barred = frozenset(cause for cause, *_ in own) - ADDING
         return Assumed(law, barred, frozenset(named), total)
 
 

@@ -8,6 +8,7 @@ touch make one body of motor and link, however heavy a contact makes the link.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -58,12 +59,18 @@ def absent(joints: int) -> Gear:
     return Gear(none, none + np.inf, none + 0.05, none + 0.1, none, none)
 
 
-def changed(gear: Gear, here: Array, params: dict[str, Array]) -> Gear:
-    """Set some parameters at the joints `here` [J] bool."""
-    kept = gear._asdict()
-    return gear._replace(
-        **{key: np.where(here, new, kept[key]) for key, new in params.items()}
-    )
+def changed(
+    gear: Gear, here: Array, params: dict[str, Array], given: Collection[str]
+) -> Gear:
+    """Set parameters at the joints `here` [J] bool; those not `given` are defaults.
+
+    Defaults are for joints without a gear: one that is there has its own.
+    """
+    kept, bare = gear._asdict(), here & ~present(gear)
+    return gear._replace(**{
+        key: np.where(here if key in given else bare, new, kept[key])
+        for key, new in params.items()
+    })  # fmt: skip
 
 
 def present(gear: Gear) -> Array:

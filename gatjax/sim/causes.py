@@ -80,7 +80,7 @@ def of_model(
             if part.build is None:
                 here = np.isin(names, row["where"]) | (row["where"] == ["all"])
                 play = gear.absent(len(names)) if play is None else play
-                play = gear.changed(play, here, params)
+                play = gear.changed(play, here, params, row["values"])
                 continue
             fields = part.build(model, fields, params)
             derived.check(model, fields, row["cause"])
