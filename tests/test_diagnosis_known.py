@@ -158,7 +158,7 @@ def test_the_others_agree_without_a_joint_that_is_odd(monkeypatch):
 
 def test_a_fit_that_leads_far_astray_does_not_make_the_motion(monkeypatch):
     grid = (np.arange(COUNT) - LEAD) * STEP
-    monkeypatch.setattr(cases.motions, "grid_time", lambda runs, step: grid)
+    monkeypatch.setattr(cases.motions, "grid_time", lambda runs, step, lead: grid)
     plain = joint(wave)
     stamps = plain.time[0]
     run = JointRun(0, stamps, 0.0 * stamps[:, None], 0.0 * stamps[:, None])

@@ -103,7 +103,7 @@ def build(
 
     `assumed` says of each joint what is known besides; nothing if left out.
     """
-    time = motions.grid_time(runs, STEP)
+    time = motions.grid_time(runs, STEP, -moved[0].time[0])
     lead = int(np.sum(time < -0.5 * STEP))
     rows = max(len(run.time) for run in runs)
     level = np.hypot(noise.of_joints(runs), [allowed.close(name) for name in names])
@@ -153,7 +153,7 @@ def _grids(
     supply: list[np.ndarray],
 ) -> Callable[[int, float], laws.Grid]:
     """What lies on the simulations' grid, of a joint and the armature of its motor."""
-    time = motions.grid_time(runs, STEP)
+    time = motions.grid_time(runs, STEP, -moved[0].time[0])
     ends = np.array([run.time[-1] - run.time[0] for run in runs])
     at, few = moved[0].time, moved[0].time[:: weights.COARSE]
     clock = np.broadcast_to(time[:, None], (len(time), len(runs)))

@@ -73,7 +73,8 @@ class Held(NamedTuple):
         if fits:
             moved = _resimulated(self.runs, known, fits)
         else:
-            fine = motions.grid_time(self.runs, STEP)[:: motions.FINE]
+            lead = motions.lead_of(self.tree.model)
+            fine = motions.grid_time(self.runs, STEP, lead)[:: motions.FINE]
             moved = [motions.smoothed(run, run.angle, fine) for run in self.runs]
         return moved, [weights.weigh(self.tree, each, self.others) for each in moved]
 
@@ -152,7 +153,7 @@ class Case:
         """A joint of this case whose body terms belong to the body of another joint."""
         if joint.index == other:
             return joint
-        time = motions.grid_time(self.runs, STEP)
+        time = motions.grid_time(self.runs, STEP, -self.motions[0].time[0])
         few = self.motions[0].time[:: weights.COARSE]
         grid = joint.grid
         first, last = weights.TERMS, weights.TERMS + len(weights.BODY_TERMS)
@@ -295,7 +296,7 @@ def _resimulated(
 
     Those of joints that a fit leads far astray are the measured ones, smoothed.
     """
-    fine = motions.grid_time(runs, STEP)[:: motions.FINE]
+    fine = motions.grid_time(runs, STEP, STEP * ready[0].lead)[:: motions.FINE]
     angles, rests = [], []
     for joint, fit in zip(ready, fits, strict=True):
         if fit.rms() >= LED_ASTRAY * joint.noise:

@@ -11,6 +11,7 @@ import numpy as np
 from gatjax.diagnosis import chance, extend
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.measure import fallen
+from gatjax.diagnosis.motion import lead_of
 from gatjax.diagnosis.start import Start
 from gatjax.diagnosis.verdict import Verdict
 from gatjax.motions import MENU
@@ -182,7 +183,8 @@ def _separations(
     Of every motion; targets [T, J] rad may differ in length. A motion that one of them
     falls at separates nothing.
     """
-    lead = round(SETTLE / pair[0].task.control_period)
+    rest = max(SETTLE, lead_of(pair[0].model))
+    lead = round(rest / pair[0].task.control_period)
     longest = max(len(target) for target in targets)
     commands = np.stack(
         [

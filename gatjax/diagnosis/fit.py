@@ -11,10 +11,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import brentq
 
 from gatjax.diagnosis.hypotheses import (
     BOUND,
     COUNT,
+    TOLERANCES,
     Hypothesis,
     combined,
     information,
@@ -30,6 +32,7 @@ STEP = 0.15  # of a tolerance, for the finite differences
 FAINT = 1e-6  # prior information on a cause's coordinates, against singular fits
 RIDGE = 1e-12  # of information: simulations that fall apart tell of nothing else
 TRUST = 2.0  # largest change of a tolerance in one iteration
+SLIGHT = 1.0  # standard deviations of a tolerance: less is not worth a simulation
 BORROWED = 3  # iterations with slopes of tolerances that are only updated
 
 
@@ -255,6 +258,50 @@ def _step(joint: Joint, fit: Fit, damping: float) -> np.ndarray:
     return np.clip(x, low, high)
 
 
+def _trials(joint: Joint, fit: Fit) -> list[np.ndarray]:
+    """Where a fit may go next: steps of its slopes, the last one short, or `relieved`."""
+    steps = [_step(joint, fit, fit.damping * factor) for factor in (0.0, 1.0, 30.0)]
+    other = relieved(joint, fit)
+    return steps if other is None else [*steps, other]
+
+
+def relieved(joint: Joint, fit: Fit) -> np.ndarray | None:
+    """Coordinates of the same joint, causes instead of tolerances that imitate them.
+
+    Friction of a cause and of a tolerance add up, gains multiply: the misfit has narrow
+    valleys, bent in these coordinates, along which slopes lead nowhere. None if there
+    is nothing to gain by it.
+    """
+    x, first = fit.x, COUNT
+    for part, own in parts_of(fit):
+        if part.imitator and len(own) == 1:
+            x = _exchanged(joint, fit.hypothesis, x, first, part)
+        first += len(own)
+    return None if x is fit.x else x
+
+
+def _exchanged(
+    joint: Joint, hypothesis: Hypothesis | None, x: np.ndarray, place: int,
+    part: Hypothesis,
+) -> np.ndarray:  # fmt: skip
+    """Coordinates x with one cause, at a place, instead of its imitator; or as is."""
+    index, field = TOLERANCES.index(part.imitator), part.imitator
+    if abs(x[index]) < SLIGHT:
+        return x
+    wanted, free = numbers(joint, hypothesis, x).get(field, 0.0), x.copy()
+    free[index] = 0.0
+
+    def missed(value: float) -> float:
+        free[place] = value
+        return float(numbers(joint, hypothesis, free).get(field, 0.0) - wanted)
+
+    low, high = part.low[0], part.high[0]
+    if not missed(low) * missed(high) < 0.0:
+        return x
+    free[place] = brentq(missed, low, high)
+    return free
+
+
 def improve(joint: Joint, fits: list[Fit], iterations: int) -> list[Fit]:
     """Advance all fits by some Gauss-Newton iterations; settled ones rest."""
     for _ in range(iterations):
@@ -262,25 +309,29 @@ def improve(joint: Joint, fits: list[Fit], iterations: int) -> list[Fit]:
         if not active:
             break
         moving = _sloped(joint, [fits[k] for k in active])
-        factors = (0.0, 1.0, 30.0)
-        trials = [_step(joint, f, f.damping * c) for f in moving for c in factors]
-        owners = [f.hypothesis for f in moving for _ in factors]
-        found = residuals(joint, list(zip(owners, trials, strict=True)))
-        for place, (k, fit) in enumerate(zip(active, moving, strict=True)):
+        trials = [_trials(joint, fit) for fit in moving]
+        owners = [f.hypothesis for f, own in zip(moving, trials, strict=True)
+                  for _ in own]  # fmt: skip
+        every = [x for own in trials for x in own]
+        found, first = residuals(joint, list(zip(owners, every, strict=True))), 0
+        for k, fit, own in zip(active, moving, trials, strict=True):
+            left = found[:, first : first + len(own)]
+            first += len(own)
             options = [
-                (cost_of(joint, (owners[i], trials[i]), found[:, i]), i)
-                for i in range(3 * place, 3 * place + 3)
+                (cost_of(joint, (fit.hypothesis, x), residual), i)
+                for i, (x, residual) in enumerate(zip(own, left.T, strict=True))
             ]
             cost, best = min(options)
             gain = fit.cost - cost
             fresh = fit.age == 0
             if gain > 0.0:
-                damping = max(1e-4, fit.damping * (0.3 if best % 3 < 2 else 3.0))
+                factor = 0.3 if best < 2 else 3.0
                 fits[k] = fit._replace(
-                    x=trials[best], cost=cost, residual=found[:, best],
-                    slopes=_moved(fit, trials[best], found[:, best]),
-                    age=fit.age + 1 if gain > 0.3 else BORROWED,
-                    damping=damping, settled=fresh and gain < 0.3,
+                    x=own[best], cost=cost, residual=left[:, best],
+                    slopes=_moved(fit, own[best], left[:, best]),
+                    age=fit.age + 1 if gain > 0.3 and best < 3 else BORROWED,
+                    damping=max(1e-4, fit.damping * factor),
+                    settled=fresh and gain < 0.3,
                 )  # fmt: skip
             elif fresh:
                 fits[k] = fit._replace(

@@ -17,6 +17,7 @@ import numpy as np
 from gatjax.data import starts
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import chance
+from gatjax.diagnosis.motion import lead_of
 from gatjax.records import Played
 from gatjax.robot.model import servoed
 from gatjax.sim.limbs import floats, moving, put_down
@@ -116,7 +117,8 @@ def replayed(
     given. A robot that stood predicts nothing (NaN) from its fall on.
     """
     period, follows = world.task.control_period, servoed(world.model)
-    lead = round(SETTLE / period) if follows else 0
+    rest = max(SETTLE, lead_of(world.model))
+    lead = round(rest / period) if follows else 0
     played = [ticked(run, period) for run in runs]
     commands, stiff = stretched([run.command for run in played], lead), None
     own = [replace(world, values=v) for v in values] or [world] * len(runs)

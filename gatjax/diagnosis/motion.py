@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import mujoco
 import numpy as np
 
 from gatjax.data.trajectories import JointRun
+from gatjax.sim.limbs import settling
 
 WINDOW = 0.09  # s, of the local parabola that gives velocity and acceleration
-LEAD = 0.4  # s at rest before a run
+LEAD, LONGEST = 0.4, 5.0  # s at rest before a run, at least and at most
 FINE = 5  # simulation steps between two points of a motion
 WHOLE = 2000  # steps: grids are multiples of it, so that logs share compiled programs
 
@@ -72,9 +74,14 @@ def simulated(
     )  # fmt: skip
 
 
-def grid_time(runs: list[JointRun], step: float) -> np.ndarray:
-    """Grid of the simulations [K] s: a lead at rest, then the longest run."""
-    lead = round(LEAD / step)
+def lead_of(model: mujoco.MjModel) -> float:
+    """How long a robot that hangs is told the first command before a run, s."""
+    return float(np.clip(settling(model), LEAD, LONGEST))
+
+
+def grid_time(runs: list[JointRun], step: float, lead: float = LEAD) -> np.ndarray:
+    """Grid of the simulations [K] s: a lead at rest, s, then the longest run."""
+    lead = round(lead / step)
     longest = max(run.time[-1] - run.time[0] for run in runs)
     count = -(-(lead + int(np.ceil(longest / step)) + 2) // WHOLE) * WHOLE
     return (np.arange(count) - lead) * step

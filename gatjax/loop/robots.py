@@ -21,7 +21,7 @@ from gatjax.records import (
 )
 from gatjax.robot.model import check_walker
 from gatjax.sim.backend import prepare
-from gatjax.sim.limbs import limbs_of, put_down
+from gatjax.sim.limbs import limbs_of, put_down, settling
 from gatjax.sim.replay import replay_many
 from gatjax.sim.world import World, stacked
 from gatjax.task import Task
@@ -67,7 +67,8 @@ class Simulator:
         """Follow targets [N, T, J] rad, open loop, hung up or standing as the model is.
 
         Args:
-            targets: from `gatjax.motions`; the first one is held for a second before.
+            targets: from `gatjax.motions`; the first one is held before, till the robot
+                rests.
             rate_hz: rows per second, the world's.
             seeds: [N] int, which draw the noise.
 
@@ -84,7 +85,8 @@ class Simulator:
                 f"this simulator was prepared for {world.rate_hz:g} Hz, "
                 f"not {rate_hz:g} Hz"
             )
-        before = round(SETTLE / world.task.control_period)
+        rest = max(SETTLE, settling(world.model))
+        before = round(rest / world.task.control_period)
         held = np.repeat(targets[:, :1], before, axis=1)
         commands = np.concatenate([held, targets], axis=1)
         draws = [np.random.default_rng([int(seed), 8]) for seed in seeds]
