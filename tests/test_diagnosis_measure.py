@@ -5,7 +5,9 @@ import pytest
 
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import ahead, chance, measure
+from gatjax.diagnosis.case import held, prepare, settled
 from gatjax.diagnosis.noise import noise_of
+from gatjax.sim.limbs import settling
 from gatjax.sim.world import add_cause, nominal
 from gatjax.task import Task
 
@@ -16,6 +18,7 @@ MODEL = """
 PERIOD = 0.01
 TIME = PERIOD * np.arange(300)
 COMMAND = 0.6 * np.sin(5.0 * TIME)[:, None]
+silent = lambda stage, share: None  # noqa: E731
 
 
 @pytest.mark.parametrize("loop", [0.0, 1.0])
@@ -174,3 +177,25 @@ def test_noise_is_told_from_motion_at_any_rate(rate):
     seen = angle + 3e-4 * draw.normal(size=len(time))
     run = JointRun(0, time, angle[:, None], seen[:, None])
     assert 2e-4 < noise_of([run])[0] < 4.5e-4
+
+
+HEAVY = """
+<mujoco><option timestep="0.002"/><worldbody><body><joint name="a" axis="0 1 0"
+  armature="0.02" damping="5"/><geom size="0.05" pos="0.4 0 0" mass="5.5"/></body>
+</worldbody><actuator><position joint="a" kp="130" kv="35"/></actuator></mujoco>"""
+
+
+def test_a_slow_servo_under_load_is_at_rest_before_a_run(tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(HEAVY)
+    world = nominal(Task(control_period=PERIOD), path)
+    run = JointRun(0, TIME, 0.0 * COMMAND, 0.0 * COMMAND)
+    angle = measure.whole_log(world, [run])[0][:, 0]
+    sunk = 5.5 * 9.81 * 0.4 / 130.0  # rad, about
+    assert angle[-1] == pytest.approx(sunk, rel=0.05)
+    assert np.ptp(angle) < 1e-3
+    runs = [run._replace(angle=angle[:, None])]
+    case = settled(prepare(held(world.model, runs, 0), runs, silent), silent)
+    fit = case.healthy[0]
+    assert fit.rms() < 3e-4 and np.abs(fit.x).max() < 0.3
+    assert settling(world.model) == pytest.approx(7.0 * 40.0 / 130.0, rel=0.2)

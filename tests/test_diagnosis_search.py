@@ -3,14 +3,22 @@
 import jax
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 from test_diagnosis_plant import joint, wave
 
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis import search, shaken
 from gatjax.diagnosis.bank import CAUSES, OTHERS, of_drive
 from gatjax.diagnosis.fit import Fit
-from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined, numbers
+from gatjax.diagnosis.hypotheses import (
+    COUNT,
+    TOLERANCES,
+    Hypothesis,
+    combined,
+    numbers,
+)
 from gatjax.diagnosis.joint import Joint
+from gatjax.diagnosis.valleys import exchanged
 
 
 def begun(cause, cost, floor):
@@ -156,6 +164,52 @@ def test_a_start_beside_strained_tolerances_hides_no_cause(cause, own, beside):
         costs = {fit.law[0]: fit.cost for fit in found(elbow, base, bank)}
         assert costs.pop(cause) < right.cost + more
         assert beside is None or costs[beside] < right.cost + more
+
+
+@pytest.mark.parametrize(("cause", "imitator"), [
+    ("coulomb_friction", "friction"), ("gain_error", "kp"),
+    ("viscous_friction", "damping"), ("torque_limit", "limit"),
+])  # fmt: skip
+def test_a_cause_takes_over_what_its_imitator_stands_for(cause, imitator):
+    elbow = joint(wave, rest=0.3)
+    law = next(h for h in of_drive(elbow, CAUSES) if h.cause == cause)
+    assert law.imitator == imitator
+    x = np.append(np.zeros(COUNT), 0.4 * law.low[0] + 0.6 * law.high[0])
+    assert exchanged(elbow, law, x) is None
+    strained = x.copy()
+    strained[TOLERANCES.index(imitator)] = 2.0
+    pair = combined(CAUSES[0], law)
+    beside = np.insert(strained, COUNT, -4.0)
+    for hypothesis, start in ((law, strained), (pair, beside)):
+        found = exchanged(elbow, hypothesis, start)
+        assert found is not None
+        np.testing.assert_allclose(found[:COUNT], 0.0)
+        before, after = (numbers(elbow, hypothesis, one) for one in (start, found))
+        assert after[imitator] == pytest.approx(before[imitator])
+        assert found[-1] != start[-1]
+
+
+def test_a_fit_leaves_the_valley_between_friction_and_its_tolerance():
+    """At once; slopes take longer, or end in it: 0.0335 of 0.07 N m at a finger."""
+    elbow, draw = joint(wave, rest=0.3), np.random.default_rng(0)
+    law = next(h for h in CAUSES if h.cause == "coulomb_friction")
+    right = np.append(np.zeros(COUNT), np.log(0.12))
+    angle = elbow.simulate([numbers(elbow, law, right)], False)[..., 0]
+    angle = angle + 7e-4 * draw.normal(size=angle.shape)
+    elbow = elbow._replace(measured=angle)
+    total = numbers(elbow, law, right)["friction"]
+    strained = right.copy()
+    strained[TOLERANCES.index("friction")] = 3.4
+
+    def missed(own: float) -> float:
+        strained[-1] = own
+        return numbers(elbow, law, strained)["friction"] - total
+
+    strained[-1] = brentq(missed, law.low[0], law.high[0])
+    best, found = fits.improve(
+        elbow, fits.start(elbow, [(law, right), (law, strained)]), 1
+    )
+    assert found.cost < best.cost + 1.0
 
 
 def test_a_gap_is_found_where_slopes_end_in_the_first_valley():

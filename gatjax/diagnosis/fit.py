@@ -11,12 +11,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
 
 from gatjax.diagnosis.hypotheses import (
     BOUND,
     COUNT,
-    TOLERANCES,
     Hypothesis,
     combined,
     information,
@@ -24,6 +22,7 @@ from gatjax.diagnosis.hypotheses import (
 )
 from gatjax.diagnosis.joint import Joint
 from gatjax.diagnosis.tolerances import CORRELATED
+from gatjax.diagnosis.valleys import exchanged
 
 INFLATION = 3.0  # of the reading noise: readings within CORRELATED count as one
 LEFT = 1.5  # times the reading noise, that the best model leaves
@@ -32,7 +31,6 @@ STEP = 0.15  # of a tolerance, for the finite differences
 FAINT = 1e-6  # prior information on a cause's coordinates, against singular fits
 RIDGE = 1e-12  # of information: simulations that fall apart tell of nothing else
 TRUST = 2.0  # largest change of a tolerance in one iteration
-SLIGHT = 1.0  # standard deviations of a tolerance: less is not worth a simulation
 BORROWED = 3  # iterations with slopes of tolerances that are only updated
 
 
@@ -259,47 +257,10 @@ def _step(joint: Joint, fit: Fit, damping: float) -> np.ndarray:
 
 
 def _trials(joint: Joint, fit: Fit) -> list[np.ndarray]:
-    """Where a fit may go next: steps of its slopes, the last one short, or `relieved`."""
+    """Where a fit may go next: steps by its slopes, the last a short one; a valley."""
     steps = [_step(joint, fit, fit.damping * factor) for factor in (0.0, 1.0, 30.0)]
-    other = relieved(joint, fit)
+    other = exchanged(joint, fit.hypothesis, fit.x)
     return steps if other is None else [*steps, other]
-
-
-def relieved(joint: Joint, fit: Fit) -> np.ndarray | None:
-    """Coordinates of the same joint, causes instead of tolerances that imitate them.
-
-    Friction of a cause and of a tolerance add up, gains multiply: the misfit has narrow
-    valleys, bent in these coordinates, along which slopes lead nowhere. None if there
-    is nothing to gain by it.
-    """
-    x, first = fit.x, COUNT
-    for part, own in parts_of(fit):
-        if part.imitator and len(own) == 1:
-            x = _exchanged(joint, fit.hypothesis, x, first, part)
-        first += len(own)
-    return None if x is fit.x else x
-
-
-def _exchanged(
-    joint: Joint, hypothesis: Hypothesis | None, x: np.ndarray, place: int,
-    part: Hypothesis,
-) -> np.ndarray:  # fmt: skip
-    """Coordinates x with one cause, at a place, instead of its imitator; or as is."""
-    index, field = TOLERANCES.index(part.imitator), part.imitator
-    if abs(x[index]) < SLIGHT:
-        return x
-    wanted, free = numbers(joint, hypothesis, x).get(field, 0.0), x.copy()
-    free[index] = 0.0
-
-    def missed(value: float) -> float:
-        free[place] = value
-        return float(numbers(joint, hypothesis, free).get(field, 0.0) - wanted)
-
-    low, high = part.low[0], part.high[0]
-    if not missed(low) * missed(high) < 0.0:
-        return x
-    free[place] = brentq(missed, low, high)
-    return free
 
 
 def improve(joint: Joint, fits: list[Fit], iterations: int) -> list[Fit]:
