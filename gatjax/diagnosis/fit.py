@@ -54,6 +54,12 @@ class Fit(NamedTuple):
         return self.hypothesis.law
 
     @property
+    def newest(self) -> Hypothesis:
+        """Its last cause; there has to be one."""
+        assert self.hypothesis is not None
+        return self.hypothesis.newest
+
+    @property
     def geared(self) -> bool:
         """Whether motor and link are simulated apart."""
         return self.hypothesis is not None and self.hypothesis.geared

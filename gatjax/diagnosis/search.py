@@ -17,6 +17,7 @@ KEPT = (40, 12, 6, 4)  # hypotheses after each round
 ROUNDS = (1, 2, 3, 5)  # iterations in each round
 PROPOSED = ((60, 3, 1), (24, 2, 2), (12, 1, 3))  # fits, a law, and iterations, a round
 RIVALS = 8  # fits that are returned; those that were dropped are not at their best
+ANEW = 4  # iterations of a fit that begins anew
 SURE, BEHIND = 2, 40.0  # iterations until fits so many nats behind are dropped
 TWINS = 2  # fits of a law that are followed, from different starts
 PROMISING = 2.0  # nats: less is nothing
@@ -25,7 +26,8 @@ FEW = 20  # starts at most of a cause that tolerances may imitate
 ROUGH = 1.6  # times the noise: a fit that leaves more may be in a bad place
 ZOOMS, RUNGS = 3, 31  # rounds of zooming in, and points of each
 CLOSER = 0.1  # of what the best start explains, that one has to for a closer look
-CALM, SPARE = 1.35, 18.0  # times the noise; squared deviations of all tolerances
+LARGER = (0.0, 0.35, 0.7, 1.05)  # of a cause that begins anew: logarithms, or shares
+CALM, SPARE = 1.35, 10.0  # times the noise; squared deviations of all tolerances
 
 
 def healthy(joint: Joint, x: np.ndarray | None = None) -> Fit:
@@ -242,12 +244,24 @@ def _started(
 def _relaxed(joint: Joint, found: list[Fit]) -> list[Fit]:
     """Fits with improbable tolerances, begun anew with nominal ones and their cause.
 
-    Tolerances that imitated a cause, at their bounds, hold its coordinates back.
+    Tolerances that imitated a cause, at their bounds, hold its coordinates back: it
+    begins as it is, or larger, whatever misses least.
     """
-    points = [
-        (fit.hypothesis, fits.unspent(fit.x)) for fit in found if fit.spent > SPARE
-    ]
-    return fits.improve(joint, fits.start(joint, points), SURE)
+    begun = []
+    for fit in found:
+        if fit.spent <= SPARE:
+            continue
+        _, high = fits.bounds(fit.hypothesis)
+        begin, place = fits.unspent(fit.x), len(fit.x) - len(fit.newest.low)
+        sizes = [begin[place] + more for more in LARGER]
+        sizes += [begin[place] * (1.0 + more) for more in LARGER]
+        points = []
+        for size in sizes:
+            x = begin.copy()
+            x[place] = np.clip(size, fit.newest.low[0], high[place])
+            points.append((fit.hypothesis, x))
+        begun.append(min(fits.start(joint, points), key=lambda one: one.cost))
+    return fits.improve(joint, begun, ANEW)
 
 
 def _shaken(joint: Joint, found: list[Fit], dropped: list[Fit]) -> list[Fit]:
