@@ -199,3 +199,9 @@ def test_a_slow_servo_under_load_is_at_rest_before_a_run(tmp_path):
     fit = case.healthy[0]
     assert fit.rms() < 3e-4 and np.abs(fit.x).max() < 0.3
     assert settling(world.model) == pytest.approx(7.0 * 40.0 / 130.0, rel=0.2)
+
+
+def test_a_servo_without_damping_is_waited_for_five_seconds_at_most(tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(HEAVY.replace('damping="5"', "").replace('kv="35"', ""))
+    assert settling(nominal(Task(control_period=PERIOD), path).model) == 5.0

@@ -11,7 +11,7 @@ from gatjax.data.trajectories import JointRun
 from gatjax.sim.limbs import settling
 
 WINDOW = 0.09  # s, of the local parabola that gives velocity and acceleration
-LEAD, LONGEST = 0.4, 5.0  # s at rest before a run, at least and at most
+LEAD = 0.4  # s at rest before a run, at least
 FINE = 5  # simulation steps between two points of a motion
 WHOLE = 2000  # steps: grids are multiples of it, so that logs share compiled programs
 
@@ -76,7 +76,7 @@ def simulated(
 
 def lead_of(model: mujoco.MjModel) -> float:
     """How long a robot that hangs is told the first command before a run, s."""
-    return float(np.clip(settling(model), LEAD, LONGEST))
+    return max(settling(model), LEAD)
 
 
 def grid_time(runs: list[JointRun], step: float, lead: float = LEAD) -> np.ndarray:

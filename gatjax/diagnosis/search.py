@@ -251,14 +251,14 @@ def _relaxed(joint: Joint, found: list[Fit]) -> list[Fit]:
     for fit in found:
         if fit.spent <= SPARE:
             continue
-        _, high = fits.bounds(fit.hypothesis)
-        begin, place = fits.unspent(fit.x), len(fit.x) - len(fit.newest.low)
+        own, begin = fit.newest, fits.unspent(fit.x)
+        place = len(begin) - len(own.low)
         sizes = [begin[place] + more for more in LARGER]
         sizes += [begin[place] * (1.0 + more) for more in LARGER]
         points = []
         for size in sizes:
             x = begin.copy()
-            x[place] = np.clip(size, fit.newest.low[0], high[place])
+            x[place] = np.clip(size, own.low[0], own.high[0])
             points.append((fit.hypothesis, x))
         begun.append(min(fits.start(joint, points), key=lambda one: one.cost))
     return fits.improve(joint, begun, ANEW)

@@ -14,7 +14,7 @@ from gatjax.robot.model import command_range, joint_names, servoed, slots
 from gatjax.sim.episode import coupled, coupled_speed
 from gatjax.walk.parameters import THETA0
 
-TIMES = 7.0  # time constants until a joint is at rest
+TIMES, LONGEST = 7.0, 5.0  # time constants until a joint is at rest; s, at most
 FAR = 1e3  # m, that a robot may begin above its floor
 TOP_SPEED = 10.0  # rad/s, of quick hobby servos (60 degrees in 0.1 s): no servo's here
 
@@ -42,10 +42,11 @@ def put_down(model: mujoco.MjModel, angle: np.ndarray) -> np.ndarray:
 
 
 def settling(model: mujoco.MjModel) -> float:
-    """How long the slowest servo takes to come to rest, s; 0 without servos.
+    """How long the slowest servo takes to come to rest, s; LONGEST at most.
 
     Until a thousandth of what it was off is left: 7 times the longest time constant of
-    its inertia (at home), damping and gain. Dry friction only stops it sooner.
+    its inertia (at home), damping and gain. Dry friction only stops it sooner. 0
+    without servos.
     """
     if not servoed(model):
         return 0.0
@@ -58,7 +59,8 @@ def settling(model: mujoco.MjModel) -> float:
     inertia, gain = whole[dofs, dofs], model.actuator_gainprm[:, 0]
     damping = model.dof_damping[dofs] - model.actuator_biasprm[:, 2]
     root = np.sqrt(np.maximum(damping**2 - 4.0 * inertia * gain, 0.0))
-    return float(np.max(TIMES * 2.0 * inertia / np.maximum(damping - root, 1e-9)))
+    slowest = np.max(2.0 * inertia / np.maximum(damping - root, 1e-9))
+    return min(TIMES * float(slowest), LONGEST)
 
 
 def moving(
