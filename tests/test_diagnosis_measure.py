@@ -21,6 +21,18 @@ COMMAND = 0.6 * np.sin(5.0 * TIME)[:, None]
 silent = lambda stage, share: None  # noqa: E731
 
 
+def assert_foretold(world, commands):
+    """A world foretells what it does itself, from any measured state on."""
+    run = JointRun(0, TIME, commands, 0.0 * commands)
+    run = run._replace(angle=measure.whole_log(world, [run])[0])
+    cut = ahead.windows([run], PERIOD)
+    assert cut is not None
+    played = ahead.windowed(world, cut, PERIOD)
+    for horizon in ahead.HORIZONS:
+        error = ahead.window_errors(cut, played, horizon, PERIOD).rmse()
+        assert error.max() < 2e-3
+
+
 @pytest.mark.parametrize("loop", [0.0, 1.0])
 def test_a_joint_starts_where_its_encoder_says_what_was_measured(tmp_path, loop):
     path = tmp_path / "arm.xml"
@@ -28,14 +40,7 @@ def test_a_joint_starts_where_its_encoder_says_what_was_measured(tmp_path, loop)
     plain = nominal(Task(control_period=PERIOD), path)
     askew = add_cause(plain, "encoder_offset", ["a"], {"offset": 0.1, "in_loop": loop})
     askew = add_cause(askew, "encoder_scale", ["a"], {"scale": 0.8, "in_loop": loop})
-    run = JointRun(0, TIME, COMMAND, 0.0 * COMMAND)
-    run = run._replace(angle=measure.whole_log(askew, [run])[0])
-    cut = ahead.windows([run], PERIOD)
-    assert cut is not None
-    played = ahead.windowed(askew, cut, PERIOD)
-    for horizon in ahead.HORIZONS:
-        error = ahead.window_errors(cut, played, horizon, PERIOD).rmse()
-        assert error < 2e-3
+    assert_foretold(askew, COMMAND)
 
 
 TWO = """
@@ -53,15 +58,7 @@ def test_joints_that_are_seen_late_start_as_long_ago(tmp_path):
     plain = nominal(Task(control_period=PERIOD), path)
     late = add_cause(plain, "measurement_delay", ["a"], {"delay": 0.035})
     late = add_cause(late, "measurement_delay", ["b"], {"delay": 0.012})
-    both = np.hstack([COMMAND, -0.5 * COMMAND])
-    run = JointRun(0, TIME, both, 0.0 * both)
-    run = run._replace(angle=measure.whole_log(late, [run])[0])
-    cut = ahead.windows([run], PERIOD)
-    assert cut is not None
-    played = ahead.windowed(late, cut, PERIOD)
-    for horizon in ahead.HORIZONS:
-        error = ahead.window_errors(cut, played, horizon, PERIOD).rmse()
-        assert error.max() < 2e-3
+    assert_foretold(late, np.hstack([COMMAND, -0.5 * COMMAND]))
 
 
 @pytest.fixture

@@ -25,8 +25,7 @@ MOST = 2**32 - 1  # that a random key takes as its seed
 
 def world_of(path: Path | None, task: Task) -> World:
     """Load a world with its grounding; the ideal simulator without a path."""
-    world, folder = (nominal(task), None) if path is None else read_world(path, task)
-    return _grounded(world, folder)
+    return _grounded(*_read(path, task))
 
 
 def walker_of(path: Path | None, task: Task) -> World:
@@ -35,8 +34,12 @@ def walker_of(path: Path | None, task: Task) -> World:
     Raises:
         ValueError: one line: this robot cannot walk.
     """
-    world, folder = (nominal(task), None) if path is None else read_world(path, task)
+    world, folder = _read(path, task)
     return _grounded(walker(world), folder)
+
+
+def _read(path: Path | None, task: Task) -> tuple[World, Path | None]:
+    return (nominal(task), None) if path is None else read_world(path, task)
 
 
 def _grounded(world: World, folder: Path | None) -> World:

@@ -92,8 +92,7 @@ def _late(world: World) -> np.ndarray:
     names, late = joint_names(world.model), np.zeros(world.model.nu)
     for row in world.causes:
         if row["cause"] == "measurement_delay":
-            every = row["where"] == ["all"]
-            seen = [every or name in row["where"] for name in names]
+            seen = [bool({name, "all"} & {*row["where"]}) for name in names]
             late += np.where(seen, row["values"]["delay"], 0.0)
     return late
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gatjax.diagnosis import hypotheses
 from gatjax.diagnosis.hypotheses import (
     BOUND,
     COUNT,
@@ -94,8 +95,8 @@ Point = tuple[Hypothesis | None, np.ndarray]
 
 def parts_of(fit: Fit) -> list[tuple[Hypothesis, np.ndarray]]:
     """The causes of a fit with their coordinates."""
-    owner, out, first = fit.hypothesis, [], COUNT
-    for part in () if owner is None else owner.parts or (owner,):
+    out, first = [], COUNT
+    for part in hypotheses.parts_of(fit.hypothesis):
         out.append((part, fit.x[first : first + len(part.low)]))
         first += len(part.low)
     return out

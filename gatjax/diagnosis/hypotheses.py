@@ -94,6 +94,11 @@ class Hypothesis(NamedTuple):
         )
 
 
+def parts_of(hypothesis: Hypothesis | None) -> tuple[Hypothesis, ...]:
+    """The causes that it is made of, in the order of their coordinates."""
+    return () if hypothesis is None else hypothesis.parts or (hypothesis,)
+
+
 def combined(first: Hypothesis | None, second: Hypothesis) -> Hypothesis:
     """Two causes at once; the coordinates of the second follow those of the first."""
     if first is None:

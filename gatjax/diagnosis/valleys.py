@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import brentq
 
-from gatjax.diagnosis.hypotheses import COUNT, TOLERANCES, Hypothesis, numbers
+from gatjax.diagnosis.hypotheses import (
+    COUNT,
+    TOLERANCES,
+    Hypothesis,
+    numbers,
+    parts_of,
+)
 from gatjax.diagnosis.joint import Joint
 
 SLIGHT = 1.0  # standard deviations of a tolerance: less is not worth a simulation
@@ -28,7 +34,7 @@ def exchanged(
         [COUNT + own], or None if no tolerance that imitates a cause is far off.
     """
     out, place = x, COUNT
-    for part in () if hypothesis is None else hypothesis.parts or (hypothesis,):
+    for part in parts_of(hypothesis):
         if part.imitator and len(part.low) == 1:
             out = _without(joint, hypothesis, out, place, part)
         place += len(part.low)

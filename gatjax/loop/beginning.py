@@ -32,8 +32,10 @@ def ungrounded(path: str | Path | None, task: Task) -> World:
 
 def beginning(folder: Path, settings: LoopSettings, task: Task) -> World:
     """The simulator of a run, which keeps a copy of the world that it was given."""
+    if settings.world is None:
+        return nominal(task)
     file = folder / BEGINNING
-    if settings.world is not None and not file.exists():
+    if not file.exists():
         world = carried(ungrounded(settings.world, task), folder)
         write_world(file, world, {"verb": "run", "world": settings.world}, None)
-    return nominal(task) if settings.world is None else read_world(file, task)[0]
+    return read_world(file, task)[0]

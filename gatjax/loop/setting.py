@@ -156,12 +156,14 @@ def resolved(settings: LoopSettings) -> LoopSettings:
     for name in ("robot_trajectories", "simulator_trajectories"):
         if getattr(settings, name) < 4:
             raise ValueError(f"{name} is {getattr(settings, name)}; use 4 or more")
-    if settings.explain and settings.world is not None:
-        raise ValueError(
-            "explain looks for what the ideal simulator lacks, and world is another "
-            "one; leave out one of the two"
-        )
-    ungrounded(settings.world, task_at(settings.rate_hz))
+    task = task_at(settings.rate_hz)
+    if settings.world is not None:
+        if settings.explain:
+            raise ValueError(
+                "explain looks for what the ideal simulator lacks, and world is "
+                "another one; leave out one of the two"
+            )
+        ungrounded(settings.world, task)
     checked(settings.search)
     if settings.model not in MODELS:
         raise ValueError(
