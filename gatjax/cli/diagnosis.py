@@ -196,7 +196,7 @@ def said(found: dict[str, Any], out: Path, report: Path) -> list[str]:
         *(
             f"warning    {row['text']}"
             for row in found["data_checks"]
-            if row["check"] == "sensor"
+            if row["check"] in ("sensor", "contact")
         ),
         *named_lines(found["causes"]),
         *gain_lines(found["gain"], bool(found["files"]["held_out"])),

@@ -26,7 +26,7 @@ from gatjax.diagnosis.drawn import drawn_errors
 from gatjax.diagnosis.gain import Predicted, gained, half_second
 from gatjax.diagnosis.given import Given, Logs, Tell, given, judged
 from gatjax.diagnosis.logged import signals
-from gatjax.diagnosis.signals import odd_sensors, write_signals
+from gatjax.diagnosis.signals import grip, odd_sensors, write_signals
 from gatjax.diagnosis.start import Start
 from gatjax.diagnosis.suitable import check_replay
 from gatjax.diagnosis.tolerances import USUAL, Tolerances
@@ -115,7 +115,7 @@ def diagnose(
     text["made_by"] = _made_by(start, seed, allowed)
     text["seconds"] = round(time.monotonic() - began, 1)
     odd = odd_sensors(text["signals"], ", ".join(log.name for log in files.fit))
-    text["data_checks"] = [*odd, *files.checks]
+    text["data_checks"] = [*odd, *grip(made["extended"]), *files.checks]
     write_json(out / "diagnosis.json", text)
     return text
 

@@ -21,6 +21,7 @@ from gatjax.effects.catalogue import CATALOGUE
 from gatjax.robot.model import joint_names
 from gatjax.sim import causes
 from gatjax.sim import world as worlds
+from gatjax.sim.contact import law_of
 from gatjax.sim.world import World
 
 TIMESTEP = 5e-4  # s: a position servo's angle is off by its motion in half a step
@@ -253,7 +254,8 @@ def claimed(
     every = _merged([*world.causes, *found, *rows], joint_names(world.model))
     every.sort(key=turn)
     bare = worlds.nominal(world.task, world.source, world.model.opt.timestep)
-    return worlds.add_rows(bare, every)
+    law = law_of(judge.case.base.tree.model)
+    return worlds.add_rows(worlds.with_contact(bare, law), every)
 
 
 def _merged(rows: list[Row], names: Sequence[str]) -> list[Row]:

@@ -12,13 +12,14 @@ from gatjax.data.recording import Recording
 from gatjax.data.trajectories import JointRun, to_arrays
 from gatjax.diagnosis.case import held, prepare
 from gatjax.diagnosis.excerpt import excerpt
-from gatjax.diagnosis.floor import channels, standing
+from gatjax.diagnosis.floor import channels, contact, standing
 from gatjax.diagnosis.floor.judge import StandingJudge
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.measure import STRAY, mean_period
 from gatjax.diagnosis.start import Start
 from gatjax.diagnosis.tolerances import Tolerances
 from gatjax.robot import model as robot_model
+from gatjax.sim.contact import law_of, with_law
 from gatjax.sim.limbs import floats
 
 Tell = Callable[[str, float], None]
@@ -105,4 +106,8 @@ def judged(data: Given, tell: Tell, allowed: Tolerances) -> Judge:
         return Judge(prepare(base, logs, tell), tell)
     felt = [run for recording in data.files.fit for run in channels.cut(recording)]
     base = standing.prepare(model, logs, felt, data.period, tell, seed, allowed)
+    law = contact.best(base, tell)
+    if law != law_of(model):
+        model = with_law(model, law)
+        base = standing.prepare(model, logs, felt, data.period, tell, seed, allowed)
     return StandingJudge(prepare(base, base.runs, tell), base, tell)

@@ -36,6 +36,7 @@ def write_model(path: Path, world: World) -> None:
     if "body_ipos" in fields:
         _write_bodies(spec, changed)
     _write_geoms(spec, model, changed)
+    spec.option.cone, spec.option.impratio = model.opt.cone, model.opt.impratio
     spec.option.gravity[:] = changed.opt.gravity
     spec.option.iterations = changed.opt.iterations
     spec.option.ls_iterations = changed.opt.ls_iterations

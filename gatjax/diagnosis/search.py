@@ -247,21 +247,28 @@ def _relaxed(joint: Joint, found: list[Fit]) -> list[Fit]:
     Tolerances that imitated a cause, at their bounds, hold its coordinates back: it
     begins as it is, or larger, whatever misses least.
     """
-    begun = []
-    for fit in found:
-        if fit.spent <= SPARE:
-            continue
-        own, begin = fit.newest, fits.unspent(fit.x)
-        place = len(begin) - len(own.low)
-        sizes = [begin[place] + more for more in LARGER]
-        sizes += [begin[place] * (1.0 + more) for more in LARGER]
-        points = []
-        for size in sizes:
-            x = begin.copy()
-            x[place] = np.clip(size, own.low[0], own.high[0])
-            points.append((fit.hypothesis, x))
-        begun.append(min(fits.start(joint, points), key=lambda one: one.cost))
+    strained = [fit for fit in found if fit.spent > SPARE]
+    tries = fits.start(joint, [point for fit in strained for point in _larger(fit)])
+    each = 2 * len(LARGER)
+    begun = [
+        min(tries[k : k + each], key=lambda one: one.cost)
+        for k in range(0, len(tries), each)
+    ]
     return fits.improve(joint, begun, ANEW)
+
+
+def _larger(fit: Fit) -> list[fits.Point]:
+    """A fit with nominal tolerances, its newest cause as large as it is or larger."""
+    own, begin = fit.newest, fits.unspent(fit.x)
+    place = len(begin) - len(own.low)
+    sizes = [begin[place] + more for more in LARGER]
+    sizes += [begin[place] * (1.0 + more) for more in LARGER]
+    points = []
+    for size in sizes:
+        x = begin.copy()
+        x[place] = np.clip(size, own.low[0], own.high[0])
+        points.append((fit.hypothesis, x))
+    return points
 
 
 def _shaken(joint: Joint, found: list[Fit], dropped: list[Fit]) -> list[Fit]:

@@ -14,6 +14,7 @@ from pyarrow import parquet
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis.gain import Predicted
 from gatjax.diagnosis.verdict import Verdict
+from gatjax.sim.world import World
 
 ASTRAY, LOUD = 0.7, 10.0  # of how much a sensor varies, times its noise
 
@@ -38,6 +39,20 @@ def odd_sensors(rows: Sequence[dict[str, Any]], file: str) -> list[dict[str, Any
         if min(row["extended_rms"], row["measured_rms"]) > LOUD * row["noise"]
         and row["extended_rms"] > ASTRAY * row["measured_rms"]
     ]  # fmt: skip
+
+
+def grip(world: World) -> list[dict[str, Any]]:
+    """A warning, as in `data_checks`, where contacts follow another law."""
+    if world.contact is None:
+        return []
+    cone, ratio = world.contact
+    text = (
+        f"the feet grip the floor as {cone} friction cones with an impratio of "
+        f"{ratio:g} do; the model file says otherwise. Causes, world.json and "
+        f'extended.xml go by <option cone="{cone}" impratio="{ratio:g}"/>'
+    )
+    return [{"file": world.source, "level": "warning", "check": "contact",
+             "text": text}]  # fmt: skip
 
 
 def write_signals(

@@ -9,6 +9,7 @@ from gatjax.runs import Progress
 
 ENGINE = {
     "stand": ("simulate the standing robot", 0.0, 0.1),
+    "contact": ("look how soles grip", 0.04, 0.07),
     "tolerances": ("fit tolerances", 0.05, 0.2),
     "everywhere": ("look for causes of the whole robot", 0.2, 1.2),
     "causes": ("weigh causes", 0.3, 0.8),

@@ -15,7 +15,8 @@ import numpy as np
 
 from gatjax.robot import model as robot_model
 from gatjax.runs import write_json
-from gatjax.sim.world import World, add_rows, nominal
+from gatjax.sim.contact import CONES, Law
+from gatjax.sim.world import World, add_rows, nominal, with_contact
 from gatjax.task import Task
 
 SCHEMA = "gatjax.world/1"
@@ -32,6 +33,7 @@ def write_world(path: Path, world: World, made_by: dict, grounding: str | None) 
         "model": source,
         "rate_hz": world.rate_hz,
         "timestep_s": world.model.opt.timestep,
+        **({"contact": world.contact._asdict()} if world.contact else {}),
         "effects": list(world.causes),
         "grounding": grounding,
         "made_by": made_by,
@@ -101,6 +103,8 @@ def read_world(path: Path, task: Task = Task()) -> tuple[World, Path | None]:
     if source not in robot_model.SHIPPED:
         source = path.parent.resolve() / source  # `..` goes up from where links lead
     world = nominal(task, source, text.get("timestep_s"))
+    if text.get("contact"):
+        world = with_contact(world, _contact(text["contact"], path))
     for number, row in enumerate(text["effects"], start=1):
         where = f"{path}: effect {number}"
         _check_row(row, where)
@@ -153,6 +157,7 @@ def _world_text(path: Path) -> dict[str, Any]:
         raise ValueError(f"{path}: {missing[0]!r} is missing; see docs/files.md")
     number = int | float | None
     wanted |= {"grounding": str | None, "rate_hz": number, "timestep_s": number}
+    wanted["contact"] = dict | None
     for key, kind in wanted.items():
         if not isinstance(text.get(key), kind) or text.get(key) is True:
             raise ValueError(f"{path}: {key} is {text[key]!r}; see docs/files.md")
@@ -160,6 +165,20 @@ def _world_text(path: Path) -> dict[str, Any]:
         if text.get(key) is not None and not 0.0 < text[key] < np.inf:
             raise ValueError(f"{path}: {key} is {text[key]}; it is a number > 0")
     return text
+
+
+def _contact(told: dict[str, Any], path: Path) -> Law:
+    """The law of contacts that a world file names."""
+    cone, ratio = told.get("cone"), told.get("impratio")
+    number = isinstance(ratio, int | float) and ratio is not True
+    if set(told) != {"cone", "impratio"} or cone not in CONES or not number:
+        raise ValueError(
+            f"{path}: contact is {told}; it has a cone ({' or '.join(CONES)}) and an "
+            f"impratio"
+        )
+    if not 0.0 < ratio < np.inf:
+        raise ValueError(f"{path}: impratio of contact is {ratio}; it is a number > 0")
+    return Law(cone, float(ratio))
 
 
 def _check_row(row: Any, name: str) -> None:

@@ -21,6 +21,7 @@ from gatjax.records import Reading
 from gatjax.robot import model as robot_model
 from gatjax.sim import causes, derived
 from gatjax.sim.causes import GEAR
+from gatjax.sim.contact import Law, law_of, with_law
 from gatjax.task import Task
 
 ROLES = ("cause", "calibration", "bound")
@@ -56,6 +57,7 @@ class World:
     # once per physics step, after motor
     causes: tuple[dict, ...] = ()  # as in world.json
     source: str = "nao"  # model file, or a shipped model's name
+    contact: Law | None = None  # of the floor, in place of the model file's
 
     @property
     def substeps(self) -> int:
@@ -120,6 +122,14 @@ def nominal(
         values=Values(command={}, motor={}, sensor={"noise": SENSOR_NOISE}, body={}),
         source=str(source),
     )
+
+
+def with_contact(world: World, law: Law) -> World:
+    """The same world, its contacts by another law."""
+    if law == law_of(world.model):
+        return world
+    model = with_law(world.model, law)
+    return dataclasses.replace(world, model=model, contact=law)
 
 
 def dividing(period: float, step: float) -> float:

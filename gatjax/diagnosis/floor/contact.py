@@ -1,0 +1,60 @@
+"""How soles grip: which of MuJoCo's contact laws the logs of a standing robot follow.
+
+A soft contact lets a loaded sole creep along the floor; how fast depends on the friction
+cone (pyramidal or elliptic) and on `impratio`, its stiffness sideways over that upwards
+(MuJoCo, Computation, Contact). Model files seldom have either from a measurement, and a
+robot on two feet that creep otherwise moves otherwise at every joint: no cause shows
+beside that. So the law is chosen before any cause is weighed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import mujoco
+import numpy as np
+
+from gatjax.diagnosis.floor import causes, played
+from gatjax.diagnosis.floor.observed import Observed, observe, vector, weighed
+from gatjax.diagnosis.floor.standing import Standing
+from gatjax.sim.contact import Law, law_of, with_law
+
+RATIOS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # `impratio` of elliptic cones
+SURE = 10.0  # nats by which another law has to be better than the model's
+FLOORS = ("ground_friction", "ground_compliance")
+"""Causes that each law is tried with, too: a floor of ice looks like another law."""
+
+
+def best(standing: Standing, tell: Callable[[str, float], None]) -> Law:
+    """The law that meets the logs best; the model's own, unless another surely does.
+
+    Args:
+        standing: the robot, simulated with its model's law.
+        tell: is called with a stage and the share of it that is done.
+    """
+    seen, own = observe(standing), law_of(standing.model)
+    others = [Law("pyramidal", 1.0), *(Law("elliptic", ratio) for ratio in RATIOS)]
+    laws = [own, *(law for law in others if law != own)]
+    found = []
+    for number, law in enumerate(laws):
+        tell("contact", number / len(laws))
+        found.append(_evidence(standing, seen, law))
+    top = int(np.argmax(found))
+    return laws[top] if found[top] > found[0] + SURE else own
+
+
+def _evidence(standing: Standing, seen: Observed, law: Law) -> float:
+    """Of a law, with the floor that suits it best."""
+    world = standing.ensembles[0].world
+    world = dataclasses.replace(world, model=with_law(world.model, law))
+    floors = [
+        suspect.world(world, x)
+        for suspect in causes.suspects(standing.model)
+        if suspect.cause in FLOORS
+        for x in suspect.nodes
+    ]
+    values = causes.batch(world, [world, *floors])
+    rows = played.replayed(world, standing.runs, values)
+    every = vector(standing, seen.names, rows)
+    return max(weighed(seen, one).evidence for one in every if np.isfinite(one).all())
