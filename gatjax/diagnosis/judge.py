@@ -170,17 +170,19 @@ class Judge(Accepting):
         return fits.improve(joint, out, rounds)
 
     def _fixed(
-        self, index: int, joint: Joint, values: list[tuple[Hypothesis, np.ndarray]]
-    ) -> list[Fit]:
-        """A joint's fits with given values of causes."""
+        self, index: int, joint: Joint, values: list[tuple[Hypothesis, np.ndarray]],
+        free: list[Fit],
+    ) -> list[Fit]:  # fmt: skip
+        """A joint's fits with given values of causes; `free` has its own values."""
         known = self.known[index]
         points = [
             (combined(known.hypothesis, pinned(h, own)), x)
-            for h, own in values for x in (known.x, fits.unspent(known.x))
+            for (h, own), mine in zip(values, free, strict=True)
+            for x in (known.x, fits.unspent(known.x), mine.x[: len(known.x)])
         ]  # fmt: skip
         first = fits.start(joint, points)
-        pairs = zip(first[::2], first[1::2], strict=True)
-        best = [min(pair, key=lambda fit: fit.cost) for pair in pairs]
+        triples = zip(first[::3], first[1::3], first[2::3], strict=True)
+        best = [min(triple, key=lambda fit: fit.cost) for triple in triples]
         return fits.improve(joint, best, 6)
 
     def _shared(self, single: list[Claim]) -> list[Claim]:
@@ -202,11 +204,14 @@ class Judge(Accepting):
         every = range(len(self.joints))
         best = {c.where[0]: c for c in sorted(single, key=lambda claim: claim.gain)}
         free = mapped(lambda k: self._free(k, self.joints[k], hypotheses, 6), every)
+        for n, group in enumerate(chosen):  # what was searched for longer may be better
+            for index, fit in (pair for claim in group for pair in claim.fits.items()):
+                free[index][n] = min(free[index][n], fit, key=lambda one: one.cost)
         values = [
             (h, shared_value([free[c.where[0]][n] for c in group], h))
             for n, (h, group) in enumerate(zip(hypotheses, chosen, strict=True))
         ]
-        fixed = mapped(lambda k: self._fixed(k, self.joints[k], values), every)
+        fixed = mapped(lambda k: self._fixed(k, self.joints[k], values, free[k]), every)
         out = []
         for n, (hypothesis, own) in enumerate(values):
             suspects = [claim.where[0] for claim in chosen[n]]
@@ -287,7 +292,9 @@ class Judge(Accepting):
                 (h, shared_value([free[k][n] for k in bearers], h))
                 for n, h in enumerate(hypotheses)
             ]
-            fixed = mapped(lambda k: self._fixed(k, joints[k], values), bearers)
+            fixed = mapped(
+                lambda k: self._fixed(k, joints[k], values, free[k]), bearers
+            )
             out = []
             for n, (hypothesis, own) in enumerate(values):
                 mine = {k: rows[n] for k, rows in zip(bearers, fixed, strict=True)}

@@ -10,6 +10,7 @@ from gatjax.effects.body import now
 
 Array = Any
 Fields = dict[str, Array]
+SPHERE = 2  # mujoco.mjtGeom.mjGEOM_SPHERE
 SLIDING = {"geom": 1, "pair": 2}  # numbers that are of sliding, in `friction` of each
 
 
@@ -60,7 +61,8 @@ def wear(model: Any, fields: Fields, params: dict[str, Array]) -> Fields:
 
     Contact geoms of the body that lie on the side of the direction (x, y) of their
     middle, in the body's frame, move up by `wear`. A body with one flat box as sole is
-    tilted instead, so that its edge on that side goes up by `wear`. 0 is neutral.
+    tilted instead, so that its edge on that side goes up by `wear`; one that stands on
+    a ball has no sides, and it moves up. 0 is neutral.
     """
     place = now(model, fields, "geom_pos")
     attitude = now(model, fields, "geom_quat")
@@ -81,12 +83,20 @@ def wear(model: Any, fields: Fields, params: dict[str, Array]) -> Fields:
             place[geoms[out > 0.5 * (out.min() + out.max())], 2] += lost
             continue
         (sole,) = geoms
-        reach = np.abs(side) @ model.geom_size[sole, :2]
+        if ball(model, int(sole)):
+            place[sole, 2] += lost
+            continue
+        reach = np.abs(side) @ model.geom_aabb[sole, 3:5]
         angle = lost / (2.0 * reach)
         turn = np.array([1.0, 0.5 * angle * side[1], -0.5 * angle * side[0], 0.0])
         attitude[sole] = _product(turn / np.linalg.norm(turn), attitude[sole])
         place[sole, 2] += 0.5 * lost
     return fields | {"geom_pos": place, "geom_quat": attitude}
+
+
+def ball(model: Any, geom: int) -> bool:
+    """Whether a geom is a sphere."""
+    return bool(model.geom_type[geom] == SPHERE)
 
 
 def _product(left: Array, right: Array) -> np.ndarray:

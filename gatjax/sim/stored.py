@@ -169,16 +169,15 @@ def _world_text(path: Path) -> dict[str, Any]:
 
 def _contact(told: dict[str, Any], path: Path) -> Law:
     """The law of contacts that a world file names."""
-    cone, ratio = told.get("cone"), told.get("impratio")
-    number = isinstance(ratio, int | float) and ratio is not True
-    if set(told) != {"cone", "impratio"} or cone not in CONES or not number:
-        raise ValueError(
-            f"{path}: contact is {told}; it has a cone ({' or '.join(CONES)}) and an "
-            f"impratio"
-        )
-    if not 0.0 < ratio < np.inf:
-        raise ValueError(f"{path}: impratio of contact is {ratio}; it is a number > 0")
-    return Law(cone, float(ratio))
+    match told:
+        case {"cone": str(cone), "impratio": int(ratio) | float(ratio)} if (
+            len(told) == 2 and cone in CONES and 0.0 < ratio < np.inf
+        ):
+            return Law(cone, float(ratio))
+    raise ValueError(
+        f"{path}: contact is {told}; it has a cone ({' or '.join(CONES)}) and an "
+        f"impratio > 0"
+    )
 
 
 def _check_row(row: Any, name: str) -> None:

@@ -16,11 +16,12 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from gatjax.effects.ground import contacts, touching
+from gatjax.effects.ground import ball, contacts, touching
 from gatjax.sim.world import Values, World, add_cause
 
 FIELDS = ("geom_friction", "geom_solref", "geom_pos", "geom_quat", "opt.gravity")
 """What the causes change in a model."""
+SIDES = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))  # of a sole, x and y
 PAIRS = ("pair_friction", "pair_solref")  # and in one that names its contacts
 
 
@@ -52,6 +53,13 @@ def feet(model: mujoco.MjModel) -> list[str]:
     return [model.body(int(b)).name for b in bodies if model.body_weldid[b] != 0]
 
 
+def _pointed(model: mujoco.MjModel, foot: str) -> bool:
+    """Whether a foot stands on one ball, which has no sides."""
+    geoms = touching(model)
+    own = geoms[model.geom_bodyid[geoms] == model.body(foot).id]
+    return len(own) == 1 and ball(model, int(own[0]))
+
+
 def of_contacts(model: mujoco.MjModel, field: str) -> np.ndarray:
     """First number of `friction` or `solref` of contacts: of named pairs, if any."""
     rows = contacts(model)
@@ -77,7 +85,7 @@ def suspects(model: mujoco.MjModel) -> list[Suspect]:
         )
     worn = np.array([[0.0008], [0.002], [0.005]])
     for foot in feet(model):
-        for x, y in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)):
+        for x, y in SIDES[:1] if _pointed(model, foot) else SIDES:
             side = {"x": x, "y": y}
             found.append(
                 Suspect("sole_geometry", foot, ("wear",), worn, side, 0.0, 0.03)

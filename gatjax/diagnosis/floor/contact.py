@@ -1,10 +1,10 @@
 """How soles grip: which of MuJoCo's contact laws the logs of a standing robot follow.
 
-A soft contact lets a loaded sole creep along the floor; how fast depends on the friction
-cone (pyramidal or elliptic) and on `impratio`, its stiffness sideways over that upwards
-(MuJoCo, Computation, Contact). Model files seldom have either from a measurement, and a
-robot on two feet that creep otherwise moves otherwise at every joint: no cause shows
-beside that. So the law is chosen before any cause is weighed.
+A soft contact lets a loaded sole creep along the floor. How fast depends on the shape
+of the friction cone (pyramidal or elliptic) and on `impratio`, its stiffness sideways
+over that upwards (MuJoCo manual, Computation, Contact). Model files seldom have either
+from a measurement, and a robot on two feet that creep otherwise moves otherwise at
+every joint: no cause shows beside that. So the law is chosen before causes are weighed.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 
-import mujoco
 import numpy as np
 
 from gatjax.diagnosis.floor import causes, played

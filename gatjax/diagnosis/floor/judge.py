@@ -79,9 +79,11 @@ class StandingJudge(Judge):
             changed.append(change(claim))
         return changed
 
-    def explained(self, index: int) -> list[Fit]:
+    def explained(
+        self, index: int, bank: tuple[Hypothesis, ...] = CAUSES + OTHERS
+    ) -> list[Fit]:
         """Fits that are good enough to propose a cause."""
-        return search.proposals(self.joints[index], self.known[index], CAUSES + OTHERS)
+        return search.proposals(self.joints[index], self.known[index], bank)
 
     def _replayed(self, claim: Claim) -> Claim:
         """The claim with the nats that it is worth to the whole robot."""
