@@ -145,9 +145,10 @@ def logged(
     cause: str | None = None,
     where: str = "",
     values: dict[str, float] | float = 0.0,
+    asked: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> tuple[JointRun, dict[str, np.ndarray]]:
-    """A log of the robot with a cause, with a little noise."""
-    time, command = commands()
+    """A log of the robot with a cause, with a little noise; a bow if not asked."""
+    time, command = asked or commands()
     world = tolerances.timed(played.world_of(model, PERIOD, 0.001))
     if cause:
         world = add_cause(world, cause, [where], values)

@@ -19,7 +19,10 @@ import numpy as np
 from gatjax.effects.ground import ball, contacts, touching
 from gatjax.sim.world import Values, World, add_cause
 
-FIELDS = ("geom_friction", "geom_solref", "geom_pos", "geom_quat", "opt.gravity")
+FIELDS = (
+    "geom_friction", "geom_solref", "geom_pos", "geom_quat", "opt.gravity",
+    "body_mass", "body_inertia", "body_ipos", "body_iquat",
+)  # fmt: skip
 """What the causes change in a model."""
 SIDES = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))  # of a sole, x and y
 PAIRS = ("pair_friction", "pair_solref")  # and in one that names its contacts

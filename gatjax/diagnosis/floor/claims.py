@@ -9,7 +9,8 @@ import numpy as np
 
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis.claims import PLACE, PRICE
-from gatjax.diagnosis.floor import causes, estimate, played
+from gatjax.diagnosis.floor import carried, causes, estimate, played
+from gatjax.diagnosis.floor.carried import Load
 from gatjax.diagnosis.floor.causes import Suspect, of_contacts
 from gatjax.diagnosis.floor.observed import (
     Observed,
@@ -72,6 +73,8 @@ def claims(scene: Scene, tell: Callable[[str, float], None]) -> list[FloorClaim]
         tell("floor", number / len(scene.suspects))
         fitted = _leaning if len(suspect.axes) > 1 else _along
         found.append(fitted(scene, suspect, scene.simulated[number]))
+    borne = [_carried(scene, load) for load in carried.loads(scene.standing.model)]
+    found += [claim for claim in borne if claim.values["mass"] > 0.0]
     return sorted(found, key=lambda claim: -claim.gain)
 
 
@@ -145,7 +148,7 @@ def _predicted(
 
 
 def _claim(
-    scene: Scene, suspect: Suspect, x: np.ndarray, best: Weighed,
+    scene: Scene, suspect: Suspect | Load, x: np.ndarray, best: Weighed,
     span: tuple[float, float],
 ) -> FloorClaim:  # fmt: skip
     """A claim at its best value."""
@@ -189,8 +192,25 @@ def _askew(row: Rows, angles: np.ndarray) -> Rows:
 
 
 def _leaning(scene: Scene, suspect: Suspect, seen: np.ndarray) -> FloorClaim:
-    """The best vector: slopes from simulated pairs, and simulations at the best."""
-    slopes = _slopes(suspect, seen)
+    """The best vector, from simulated pairs."""
+    x, now, covariance = _steered(scene, suspect, _slopes(suspect, seen))
+    return _claim(scene, suspect, x, now, estimate.length(x, covariance))
+
+
+def _carried(scene: Scene, load: Load) -> FloorClaim:
+    """The best payload of a link."""
+    worlds = [load.world(scene.world, x) for x in load.nodes]
+    seen = _predicted(scene.standing, scene.seen.names, worlds)
+    nominal = vector(scene.standing, scene.seen.names, scene.rows)
+    x, now, covariance = _steered(scene, load, load.slopes(seen, nominal))
+    half = estimate.BAND * float(np.sqrt(covariance[0, 0]))
+    return _claim(scene, load, x, now, (x[0] - half, x[0] + half))
+
+
+def _steered(
+    scene: Scene, suspect: Suspect | Load, slopes: np.ndarray
+) -> tuple[np.ndarray, Weighed, np.ndarray]:
+    """The best coordinates [P] by slopes and simulations at the best; covariance."""
     x, now, covariance = np.zeros(len(slopes)), scene.known, np.eye(len(slopes))
     best = (x, now, covariance)
     for round_ in range(ROUNDS):
@@ -201,8 +221,7 @@ def _leaning(scene: Scene, suspect: Suspect, seen: np.ndarray) -> FloorClaim:
         best = (x, now, covariance)
         if now.evidence - scene.known.evidence < PROMISING:
             break
-    x, now, covariance = best
-    return _claim(scene, suspect, x, now, estimate.length(x, covariance))
+    return best
 
 
 def _slopes(suspect: Suspect, seen: np.ndarray) -> np.ndarray:

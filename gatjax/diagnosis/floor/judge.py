@@ -20,7 +20,7 @@ from gatjax.diagnosis.case import Case, along, mapped
 from gatjax.diagnosis.claims import LATER, PLACE, PRICE, Claim, Stance
 from gatjax.diagnosis.drops import ODDS, held
 from gatjax.diagnosis.fit import Fit
-from gatjax.diagnosis.floor import channels, claims
+from gatjax.diagnosis.floor import carried, channels, claims
 from gatjax.diagnosis.floor.claims import FloorClaim
 from gatjax.diagnosis.floor.observed import Weighed, gained, weighed_rest
 from gatjax.diagnosis.floor.standing import Standing
@@ -61,7 +61,8 @@ class StandingJudge(Judge):
         """All claims that the whole robot was simulated with, best first."""
         proposed = [
             claim for claim in super().claims()
-            if claim.hypothesis.cause and claim.gain > PROPOSED
+            if claim.hypothesis.cause not in ("", carried.Load.cause)
+            and claim.gain > PROPOSED
             and (len(claim.where) <= PAIR or len(claim.where) == len(self.joints))
         ][:MOST]  # fmt: skip
         found = sorted(self._each(proposed, self._replayed, 0.0), key=_worst_first)
