@@ -212,15 +212,24 @@ def test_a_recording_without_joints_is_refused():
 
 @pytest.mark.parametrize("column", ["command.LKneePitch", "position.LKneePitch"])
 def test_degrees_are_refused(column):
+    assert_degrees(column, column.replace("LKneePitch", "*"))
+
+
+@pytest.mark.parametrize("column", ["orientation.roll", "orientation.pitch"])
+def test_a_robot_that_leans_by_degrees_is_refused(column):
+    assert_degrees(column, "orientation.*")
+
+
+def assert_degrees(column: str, named: str) -> None:
+    """A column from 0 to 40 is refused, and a map says what it is."""
     recording = example(rows=40)
-    recording.columns[column][:] = np.linspace(0.0, 40.0, 40)
+    recording.columns[column] = np.linspace(0.0, 40.0, 40)
     line = refusal(recording)
-    assert f"row 8, column '{column}'" in line
+    row = 5 if named == "orientation.*" else 8
+    assert f"row {row}, column '{column}'" in line
     assert "looks like degrees" in line
     told = line.split("say so in a --map file: ")[1]
-    assert yaml.safe_load(told[1:-1])["columns"] == {
-        column.replace("LKneePitch", "*"): {"unit": "deg"}
-    }
+    assert yaml.safe_load(told[1:-1])["columns"] == {named: {"unit": "deg"}}
 
 
 def test_one_glitch_is_not_called_degrees():

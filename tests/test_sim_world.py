@@ -18,12 +18,20 @@ from gatjax.effects.effect import memoryless
 from gatjax.records import JOINTS
 from gatjax.robot import model as robot_model
 from gatjax.sim.backend import prepare
+from gatjax.sim.contact import Law, law_of
 from gatjax.sim.mjxmodel import dropped_by_mjx
 from gatjax.sim.native import Native
 from gatjax.sim.poses import write_walk
 from gatjax.sim.replay import replay_many
 from gatjax.sim.stored import read_world, write_world
-from gatjax.sim.world import add_cause, add_command, fields_applied, nominal, stacked
+from gatjax.sim.world import (
+    add_cause,
+    add_command,
+    fields_applied,
+    nominal,
+    stacked,
+    with_contact,
+)
 from gatjax.task import Task, task_at
 from gatjax.walk.parameters import THETA0
 
@@ -216,6 +224,10 @@ def test_a_world_may_bring_its_own_model(tmp_path):
     ({"effects": [{"cause": "backlash", "where": ["all"], "values": {"width": 9.0}}]},
      r"width 9.0 rad is out of range; use 0.0 to 0.2"),
     ({"effects": {}}, "effects is {}"),
+    ({"contact": "elliptic"}, "contact is 'elliptic'"),
+    ({"contact": {"cone": "round", "impratio": 1.0}}, "it has a cone .pyramidal or"),
+    ({"contact": {"cone": "elliptic", "impratio": 0.0}}, "and an impratio > 0"),
+    ({"contact": {"cone": "elliptic"}}, "and an impratio > 0"),
     ({"model": 3}, "model is 3"),
     ({"grounding": 3}, "grounding is 3"),
     ({"grounding": ".", "rate_hz": "fast"}, "rate_hz is 'fast'"),
@@ -246,6 +258,18 @@ def test_a_wrong_file_is_refused_in_one_line(tmp_path, change, message):
     with pytest.raises((ValueError, FileNotFoundError), match=message) as caught:
         read_world(tmp_path / "world.json")
     assert "\n" not in str(caught.value)
+
+
+def test_a_world_may_have_another_law_of_contacts(tmp_path):
+    law = Law("elliptic", 4.0)
+    world = add_cause(with_contact(nominal(), law), "command_delay", ["all"], 0.01)
+    assert law_of(world.model) == law != law_of(nominal().model)
+    write_world(tmp_path / "world.json", world, {}, None)
+    again, _ = read_world(tmp_path / "world.json")
+    assert law_of(again.model) == again.contact == law
+    assert with_contact(again, law) is again
+    with pytest.raises(ValueError, match="cone is 'round'; it is one of pyramidal"):
+        with_contact(world, Law("round", 1.0))
 
 
 def test_a_file_that_holds_no_object_is_refused(tmp_path):

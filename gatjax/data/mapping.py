@@ -352,6 +352,7 @@ def degrees_map(found: Sequence[str], columns: Collection[str]) -> str:
         family = column.partition(".")[0]
         own = [each for each in columns if each.partition(".")[0] == family]
         most = 2 * sum(each in found for each in own) >= len(own)
+        most |= family == "orientation"  # one filter gives all three
         wild[f"{family}.*" if most else column] = None
     told = ", ".join(f"{name}: {{unit: deg}}" for name in wild)
     return f"columns: {{{told}}}"

@@ -36,6 +36,7 @@ from gatjax.runs import write_whole
 
 LARGEST_ANGLE = 6.4  # rad, just over a full turn: no position servo goes there
 STIFFEST = 20.0  # times the model's kp
+LEANING = ("orientation.roll", "orientation.pitch")  # within half a turn
 DEGREES_SHARE = 0.05  # of the rows; fewer are glitches, not a unit
 GROUP = 1 << 16  # rows of a Parquet file that are written together
 
@@ -255,13 +256,14 @@ def _check_time(recording: Recording) -> None:
 
 
 def _check_degrees(recording: Recording) -> None:
-    """Refuses joint angles that can only be degrees; motors may turn on and on."""
+    """Refuses angles that can only be degrees; motors may turn on and on."""
     if recording.command_unit != ANGLE:
         return
-    large = {}
+    large, most = {}, dict.fromkeys(LEANING, np.pi)
     for column, values in recording.columns.items():
-        if column.startswith(("command.", "position.")):
-            large[column] = np.flatnonzero(np.abs(values) > LARGEST_ANGLE)
+        if column in most or column.startswith(("command.", "position.")):
+            largest = most.get(column, LARGEST_ANGLE)
+            large[column] = np.flatnonzero(np.abs(values) > largest)
             release(values)
     share = DEGREES_SHARE * len(recording.trajectory)
     found = {column: rows for column, rows in large.items() if rows.size > share}
@@ -270,7 +272,8 @@ def _check_degrees(recording: Recording) -> None:
         raise ValueError(
             f"{_cell(recording.name, rows[0], column)}: "
             f"{recording.columns[column][rows[0]]:g} rad looks like degrees "
-            f"({rows.size} of {len(recording.trajectory)} rows above {LARGEST_ANGLE}), "
+            f"({rows.size} of {len(recording.trajectory)} rows above "
+            f"{most.get(column, LARGEST_ANGLE):.3g}), "
             f"say so in a --map file: {degrees_map(list(found), recording.columns)!r}"
         )
 

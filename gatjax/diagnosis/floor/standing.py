@@ -146,7 +146,8 @@ def upright(
     if not left:
         raise ValueError(
             f"the robot or its model falls within {LEAST:g} s in every log; log a "
-            f"motion at which both keep standing, or hang the robot"
+            f"motion at which both keep standing, or hang the robot (orientation.roll "
+            f"and .pitch count as fallen beyond {LEANING:g} rad: are they in degrees?)"
         )
     return [run for run, _ in left], [logged for _, logged in left]
 
