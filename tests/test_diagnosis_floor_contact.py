@@ -51,7 +51,7 @@ def test_a_floor_that_grips_otherwise_is_no_cause(
     (row,) = (row for row in found["data_checks"] if row["check"] == "contact")
     world, _ = read_world(tmp_path / "out", Task(control_period=PERIOD))
     law = law_of(world.model)
-    assert law.cone == "elliptic" and law.impratio in contact.RATIOS[1:-1]
+    assert law.cone == "elliptic" and 3.0 < law.impratio < 17.0
     assert law_of(load(tmp_path / "out/extended.xml")) == law
     assert f'<option cone="elliptic" impratio="{law.impratio:g}"/>' in row["text"]
     assert found["gain"]["after"] < 0.6 * found["gain"]["before"]

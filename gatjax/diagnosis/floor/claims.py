@@ -9,7 +9,7 @@ import numpy as np
 
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis.claims import PLACE, PRICE
-from gatjax.diagnosis.floor import carried, causes, estimate, played
+from gatjax.diagnosis.floor import carried, causes, contact, estimate, played
 from gatjax.diagnosis.floor.carried import Load
 from gatjax.diagnosis.floor.causes import Suspect, of_contacts
 from gatjax.diagnosis.floor.observed import (
@@ -96,6 +96,10 @@ def scene(standing: Standing, tell: Callable[[str, float], None]) -> Scene:
         nodes = [suspect.world(world, x) for x in suspect.nodes]
         simulated.append(_predicted(standing, seen.names, nodes))
     columns = _tolerances(suspects, simulated, nominal, standing.allowed.tilt)
+    if (other := contact.nearby(world)) is not None:
+        rows_of = played.replayed(other, standing.runs, [other.values])
+        grip = vector(standing, seen.names, rows_of)[0] - nominal
+        columns = np.concatenate([columns, grip[..., None]], -1)
     wide = widened(seen, columns)
     known = weighed(wide, nominal)
     return Scene(standing, world, rows, suspects, simulated, wide, known)

@@ -18,8 +18,11 @@ from gatjax.diagnosis.floor import causes, played
 from gatjax.diagnosis.floor.observed import Observed, observe, vector, weighed
 from gatjax.diagnosis.floor.standing import Standing
 from gatjax.sim.contact import Law, law_of, with_law
+from gatjax.sim.world import World
 
 RATIOS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # `impratio` of elliptic cones
+FINER = (2.0**0.5, 2.0**0.25)  # factors by which the best of them is looked for again
+NEAR = 1.2  # the same that is a tolerance
 SURE = 10.0  # nats by which another law has to be better than the model's
 FLOORS = ("ground_friction", "ground_compliance")
 """Causes that each law is tried with, too: a floor of ice looks like another law."""
@@ -35,12 +38,28 @@ def best(standing: Standing, tell: Callable[[str, float], None]) -> Law:
     seen, own = observe(standing), law_of(standing.model)
     others = [Law("pyramidal", 1.0), *(Law("elliptic", ratio) for ratio in RATIOS)]
     laws = [own, *(law for law in others if law != own)]
-    found = []
+    found = {}
     for number, law in enumerate(laws):
-        tell("contact", number / len(laws))
-        found.append(_evidence(standing, seen, law))
-    top = int(np.argmax(found))
-    return laws[top] if found[top] > found[0] + SURE else own
+        tell("contact", number / (len(laws) + 2 * len(FINER)))
+        found[law] = _evidence(standing, seen, law)
+    top = max(laws, key=lambda law: found[law])
+    if found[top] <= found[own] + SURE:
+        return own
+    for factor in FINER if top.cone == "elliptic" else ():
+        tell("contact", len(found) / (len(laws) + 2 * len(FINER)))
+        for law in (Law(top.cone, top.impratio * by) for by in (factor, 1.0 / factor)):
+            found[law] = _evidence(standing, seen, law)
+        top = max(found, key=lambda law: found[law])
+    return top
+
+
+def nearby(world: World) -> World | None:
+    """A world whose soles grip a little otherwise; None where the law has no size."""
+    cone, ratio = law_of(world.model)
+    if cone != "elliptic":
+        return None
+    model = with_law(world.model, Law(cone, NEAR * ratio))
+    return dataclasses.replace(world, model=model)
 
 
 def _evidence(standing: Standing, seen: Observed, law: Law) -> float:
