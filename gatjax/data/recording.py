@@ -259,7 +259,8 @@ def _check_degrees(recording: Recording) -> None:
     """Refuses angles that can only be degrees; motors may turn on and on."""
     if recording.command_unit != ANGLE:
         return
-    large, most = {}, dict.fromkeys(LEANING, np.pi)
+    large: dict[str, np.ndarray] = {}
+    most: dict[str, float] = dict.fromkeys(LEANING, np.pi)
     for column, values in recording.columns.items():
         if column in most or column.startswith(("command.", "position.")):
             largest = most.get(column, LARGEST_ANGLE)

@@ -47,7 +47,8 @@ def best(standing: Standing, tell: Callable[[str, float], None]) -> Law:
         return own
     for factor in FINER if top.cone == "elliptic" else ():
         tell("contact", len(found) / (len(laws) + 2 * len(FINER)))
-        for law in (Law(top.cone, top.impratio * by) for by in (factor, 1.0 / factor)):
+        for ratio in (top.impratio * factor, top.impratio / factor):
+            law = Law(top.cone, float(f"{ratio:.3g}"))
             found[law] = _evidence(standing, seen, law)
         top = max(found, key=lambda law: found[law])
     return top
