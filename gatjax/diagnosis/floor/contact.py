@@ -24,7 +24,7 @@ RATIOS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # `impratio` of elliptic cones
 FINER = (2.0**0.5, 2.0**0.25)  # factors by which the best of them is looked for again
 NEAR = 1.2  # the same that is a tolerance
 SURE = 10.0  # nats by which another law has to be better than the model's
-FLOORS = ("ground_friction", "ground_compliance")
+FLOORS = {"ground_friction": slice(1, None, 2), "ground_compliance": slice(2, None, 2)}
 """Causes that each law is tried with, too: a floor of ice looks like another law."""
 
 
@@ -71,7 +71,7 @@ def _evidence(standing: Standing, seen: Observed, law: Law) -> float:
         suspect.world(world, x)
         for suspect in causes.suspects(standing.model)
         if suspect.cause in FLOORS
-        for x in suspect.nodes
+        for x in suspect.nodes[FLOORS[suspect.cause]]
     ]
     values = causes.batch(world, [world, *floors])
     rows = played.replayed(world, standing.runs, values)
