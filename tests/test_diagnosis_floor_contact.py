@@ -22,7 +22,7 @@ from gatjax.diagnosis.diagnose import diagnose
 from gatjax.diagnosis.floor import carried, claims, contact, standing
 from gatjax.diagnosis.floor.causes import suspects
 from gatjax.diagnosis.given import Given, Logs, given, judged
-from gatjax.diagnosis.start import Start
+from gatjax.diagnosis.start import Start, read_start
 from gatjax.diagnosis.tolerances import USUAL
 from gatjax.effects import ground
 from gatjax.robot.model import load
@@ -53,6 +53,8 @@ def test_a_floor_that_grips_otherwise_is_no_cause(
     law = law_of(world.model)
     assert law.cone == "elliptic" and 3.0 < law.impratio < 17.0
     assert law_of(load(tmp_path / "out/extended.xml")) == law
+    again = read_start(tmp_path / "out")
+    assert law_of(again.model()) == law_of(again.world(PERIOD).model) == law
     assert f'<option cone="elliptic" impratio="{law.impratio:g}"/>' in row["text"]
     assert found["gain"]["after"] < 0.6 * found["gain"]["before"]
 

@@ -20,8 +20,9 @@ from gatjax.effects.joint import WARM
 from gatjax.robot import model as robot_model
 from gatjax.runs import read_json
 from gatjax.sim import causes, derived
+from gatjax.sim.contact import Law, with_law
 from gatjax.sim.stored import read_world, world_file
-from gatjax.sim.world import World, add_rows, nominal
+from gatjax.sim.world import World, add_rows, nominal, with_contact
 from gatjax.task import Task
 
 ADDING = frozenset({
@@ -102,6 +103,7 @@ class Start(NamedTuple):
     source: str
     rows: tuple[dict, ...] = ()
     world_file: str | None = None  # that they were read from
+    contact: Law | None = None  # of the floor, in place of the model file's
 
     def world(self, period: float, timestep: float | None = None) -> World:
         """The simulation that logs are compared with.
@@ -111,11 +113,15 @@ class Start(NamedTuple):
             timestep: of the physics, s; the model file's if left out.
         """
         world = nominal(Task(control_period=period), self.source, timestep)
+        if self.contact is not None:
+            world = with_contact(world, self.contact)
         return add_rows(world, self.rows)
 
     def model(self) -> mujoco.MjModel:
         """The robot with all known changes of its bodies, joints and servos."""
         model = robot_model.load(self.source)
+        if self.contact is not None:
+            model = with_law(model, self.contact)
         fields, _ = causes.of_model(model, self.rows)  # gears are laws of the joint
         derived.settle(model, fields)
         return model
@@ -206,7 +212,7 @@ def started(world: World, file: Path) -> Start:
             raise ValueError(f"{file}: {cause} {reason}; leave it out")
         seen |= {(cause, place) for place in places}
     _check_order(world, rows, file)
-    return Start(world.source, rows, str(file))
+    return Start(world.source, rows, str(file), world.contact)
 
 
 def turn(row: dict[str, Any]) -> int:

@@ -76,4 +76,5 @@ def _evidence(standing: Standing, seen: Observed, law: Law) -> float:
     values = causes.batch(world, [world, *floors])
     rows = played.replayed(world, standing.runs, values)
     every = vector(standing, seen.names, rows)
-    return max(weighed(seen, one).evidence for one in every if np.isfinite(one).all())
+    whole = [one for one in every if np.isfinite(one).all()]  # none fell apart
+    return max((weighed(seen, one).evidence for one in whole), default=-np.inf)
