@@ -42,12 +42,12 @@ WORN = (  # within what is usual of numbers of a model
 
 def tosses(seed: int) -> np.ndarray:
     """Targets [N, 2] rad: sines, then jumps and rests."""
-    time, rng = PERIOD * np.arange(900), np.random.default_rng(seed)
+    time, rng = PERIOD * np.arange(600), np.random.default_rng(seed)
     sines = sum(
         0.3 / k * np.sin(2.0 * np.pi * 0.4 * k * time[:, None] + rng.uniform(0, 6, 2))
         for k in (1, 2, 3)
     )
-    jumps = np.repeat(rng.uniform(-0.6, 0.6, (15, 2)), 60, axis=0)
+    jumps = np.repeat(rng.uniform(-0.6, 0.6, (10, 2)), 50, axis=0)
     return np.concatenate([sines - sines[:1], jumps])
 
 

@@ -254,7 +254,7 @@ def claimed(
     every = _merged([*world.causes, *found, *rows], joint_names(world.model))
     every.sort(key=turn)
     bare = worlds.nominal(world.task, world.source, world.model.opt.timestep)
-    law = law_of(judge.case.base.tree.model)
+    law = law_of(judge.case.model)
     return worlds.add_rows(worlds.with_contact(bare, law), every)
 
 
