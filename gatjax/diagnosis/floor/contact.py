@@ -9,7 +9,6 @@ every joint: no cause shows beside that. So the law is chosen before causes are 
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 
 import numpy as np
@@ -17,8 +16,8 @@ import numpy as np
 from gatjax.diagnosis.floor import causes, played
 from gatjax.diagnosis.floor.observed import Observed, observe, vector, weighed
 from gatjax.diagnosis.floor.standing import Standing
-from gatjax.sim.contact import Law, law_of, with_law
-from gatjax.sim.world import World
+from gatjax.sim.contact import Law, law_of
+from gatjax.sim.world import World, with_contact
 
 RATIOS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # `impratio` of elliptic cones
 FINER = (2.0**0.5, 2.0**0.25)  # factors by which the best of them is looked for again
@@ -59,14 +58,12 @@ def nearby(world: World) -> World | None:
     cone, ratio = law_of(world.model)
     if cone != "elliptic":
         return None
-    model = with_law(world.model, Law(cone, NEAR * ratio))
-    return dataclasses.replace(world, model=model)
+    return with_contact(world, Law(cone, NEAR * ratio))
 
 
 def _evidence(standing: Standing, seen: Observed, law: Law) -> float:
     """Of a law, with the floor that suits it best."""
-    world = standing.ensembles[0].world
-    world = dataclasses.replace(world, model=with_law(world.model, law))
+    world = with_contact(standing.ensembles[0].world, law)
     floors = [
         suspect.world(world, x)
         for suspect in causes.suspects(standing.model)
