@@ -45,8 +45,9 @@ def drives(rng, count):
         "asymmetric": 0.2, "one_sided": 0.1, "ripple": 0.3, "ripple_phase": 3.0,
         "zero_in": 0.02, "zero_out": 0.02, "heat": 0.5, "sag": 0.3, "soft": 0.1,
         "width": 0.02, "ratio": 0.5, "sensed": 1.0, "link_share": 0.8,
-        "behind": 0.8, "drag": 0.1, "spring": 0.5, "bias": 0.2, "wave": 0.3,
-        "wave_phase": 1.0, "integral": 2.0, "skew": 0.3, "pull": 20.0, "steer": 100.0,
+        "behind": 0.8, "linked": 1.0, "drag": 0.1, "spring": 0.5, "bias": 0.2,
+        "wave": 0.3, "wave_phase": 1.0, "integral": 2.0, "skew": 0.3, "pull": 20.0,
+        "steer": 100.0,
     }  # fmt: skip
     zero = dict.fromkeys(loop.NUMBERS, 0.0)
     given = zero | NOMINAL | {"friction": 0.1, "cycles": 40.0, "frequency": 12.0}

@@ -234,6 +234,29 @@ def test_friction_behind_the_gear_lets_the_motor_wind_it_up():
     assert wound[-1] == pytest.approx(0.005, abs=3e-4)  # two equal springs
 
 
+def test_damping_by_the_link_settles_what_damping_by_the_motor_does():
+    """Closed form: the motor of two springs, kv on its own or on the link's speed.
+
+    With x = (motor, link), M x'' = -K x - D x' + (kp told, 0); exact by matrix powers.
+    """
+    one, spring, link = joint(step_up), 40.0, 0.018
+    drive = {"stiffness": spring, "ratio": 0.0, "kv": 0.2, "limit": 1e3, "damping": 0.0,
+             "link_share": 0.0}  # fmt: skip
+    kp, rotor, kv = NOMINAL["kp"], NOMINAL["armature"], drive["kv"]
+    for linked in (0.0, 0.6):
+        rows = [[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0],
+                [-spring / rotor, (spring - kp) / rotor, -(1.0 - linked) * kv / rotor,
+                 -linked * kv / rotor],
+                [spring / link, -spring / link, 0.0, 0.0]]  # fmt: skip
+        values, vectors = np.linalg.eig(np.array(rows))
+        rest = np.array([0.3, 0.3, 0.0, 0.0])
+        later = np.maximum(one.time[0] - 0.1, 0.0)
+        shares = np.linalg.solve(vectors, -rest)
+        swing = (vectors[1] * shares) @ np.exp(np.outer(values, later))
+        read = seen(one, geared=True, sensed=0.0, linked=linked, **drive)
+        assert np.abs(read - rest[1] - swing.real).max() < 0.01
+
+
 @pytest.mark.parametrize("ratio", [0.05, 0.3])
 def test_a_link_bounces_off_the_teeth_as_their_damping_says(ratio: float):
     """It falls on them from the middle of the gap; nothing turns the motor.

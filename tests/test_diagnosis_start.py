@@ -88,7 +88,7 @@ def test_of_two_gears_the_later_one_says_what_both_have(order, tmp_path):
         "width": gear.width[0], "stiffness": gear.stiffness[0],
         "ratio": gear.damping_ratio[0], "sensed": gear.encoder_on_motor[0],
         "link_share": gear.link_share[0], "behind": gear.armature_share[0],
-        "delay": 0.06,
+        "linked": 0.0, "delay": 0.06,
     }  # fmt: skip
     assert assumed.law(3.0)["ratio"] == rows[1][1]["damping_ratio"]
 

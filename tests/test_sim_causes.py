@@ -76,7 +76,7 @@ def swing(
     return out
 
 
-def geared(width, stiffness, ratio, on_motor, share=0.1, behind=0.0):
+def geared(width, stiffness, ratio, on_motor, share=0.1, behind=0.0, kv_on_link=0.0):
     """Angles that the encoder sees of a motor and a link with a gear between them."""
     rotor = (1.0 - behind) * ROTOR
     link = INERTIA - rotor
@@ -87,7 +87,8 @@ def geared(width, stiffness, ratio, on_motor, share=0.1, behind=0.0):
     for step, told in enumerate(HELD):
         q = motor[0] if on_motor else arm[0]
         out[step] = q
-        pull = min(max(KP * (told - q) - KV * motor[1], -LIMIT), LIMIT)
+        seen = motor[1] + kv_on_link * (arm[1] - motor[1])
+        pull = min(max(KP * (told - q) - KV * seen, -LIMIT), LIMIT)
         twist = motor[0] - arm[0]
         beyond = np.sign(twist) * max(abs(twist) - 0.5 * width, 0.0)
         torque = stiffness * beyond + ring * (motor[1] - arm[1])
@@ -303,6 +304,14 @@ CASES = {
     "joint_elasticity wheels": (
         {"stiffness": 40.0, "armature_share": 0.4},
         lambda: rows(geared(0.0, 40.0, 0.05, False, behind=0.4)),
+    ),
+    "backlash seen": (
+        {"width": 0.06, "kv_on_link": 1.0},
+        lambda: rows(geared(0.06, TEETH, 0.3, False, kv_on_link=1.0)),
+    ),
+    "joint_elasticity seen": (
+        {"stiffness": 40.0, "kv_on_link": 0.7},
+        lambda: rows(geared(0.0, 40.0, 0.05, False, kv_on_link=0.7)),
     ),
     "joint_elasticity motor": (
         {"stiffness": 40.0, E2: 1}, lambda: rows(geared(0.0, 40.0, 0.05, True)),

@@ -95,33 +95,36 @@ def geared(base: Hypothesis, side: str) -> Hypothesis:
     """The same cause with the motor and the link apart, each with some of the joint's.
 
     The last coordinates are the link's shares of friction and of armature (wheels of
-    the gear turn with it), and ln of the damping ratio, which says how teeth bounce.
-    The encoder sits on one `side`, motor or link.
+    the gear turn with it), ln of the damping ratio, which says how teeth bounce, and
+    where the encoder's `side` is the link, the share of kv that goes by what it sees.
     """
     sensed, own = float(side == "motor"), len(base.low)
+    starts = ((0.1, 0.1, np.log(0.1), 0.0), (0.1, 0.1, np.log(0.3), 1.0),
+              (0.8, 0.1, np.log(0.2), 0.0))  # fmt: skip
+    fields = ("link_share", "behind", "ratio", "linked")[: 3 if sensed else 4]
+    names = "link_share", "armature_share", "damping_ratio", "kv_on_link"
 
-    def rest(x: np.ndarray) -> tuple[float, float, float]:
-        return float(x[own]), float(x[own + 1]), float(np.exp(x[own + 2]))
+    def rest(x: np.ndarray) -> list[float]:
+        return [float(np.exp(v)) if k == 2 else float(v) for k, v in enumerate(x[own:])]
 
     def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
         base.put(drive, joint, x[:own])
         drive["sensed"] = sensed
-        drive["link_share"], drive["behind"], drive["ratio"] = rest(x)
+        drive.update(zip(fields, rest(x), strict=True))
 
     def values(joint: Joint, x: np.ndarray) -> Numbers:
-        names = "link_share", "armature_share", "damping_ratio"
-        numbers = dict(zip(names, rest(x), strict=True))
+        numbers = dict(zip(names, rest(x), strict=False))
         return base.values(joint, x[:own]) | {"encoder_on_motor": sensed, **numbers}
+
+    def whole(row: tuple[float, ...], more: Sequence[float]) -> tuple[float, ...]:
+        return (*row, *(float(v) for v in more[: len(fields)]))
 
     return base._replace(
         variant=f"encoder on {side}", put=put, geared=True, values=values,
-        starts=tuple(
-            (*s, share, 0.1, float(np.log(ratio)))
-            for s in base.starts
-            for share, ratio in ((0.1, 0.1), (0.1, 0.3), (0.8, 0.2))
-        ),
-        steps=(*base.steps, 0.05, 0.05, 0.1), low=(*base.low, 0.0, 0.0, np.log(0.02)),
-        high=(*base.high, 1.0, 0.5, np.log(1.0)),
+        starts=tuple(whole(s, more) for s in base.starts for more in starts),
+        steps=whole(base.steps, (0.05, 0.05, 0.1, 0.1)),
+        low=whole(base.low, (0.0, 0.0, np.log(0.02), 0.0)),
+        high=whole(base.high, (1.0, 0.5, np.log(1.0), 1.0)),
     )  # fmt: skip
 
 

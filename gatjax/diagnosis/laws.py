@@ -51,6 +51,7 @@ class Drive(NamedTuple):
     sensed: Array  # 1: encoder on the motor, 0: on the link (geared plant only)
     link_share: Array  # of damping and dry friction, behind the gear (geared only)
     behind: Array  # share of the armature that is behind the gear (geared only)
+    linked: Array  # share of kv that goes by the speed of the link (geared only)
     pull: Array  # 1/s, towards the measured angle
     steer: Array  # 1/s^2, the same of the speed
     drag: Array  # N m s^2/rad^2

@@ -150,6 +150,7 @@ def geared_step(p: Drive, g: Grid, u: Array, aim: Array, s: Geared, h: float) ->
     low = inertia + tie + h * far.damping
     onto = inertia * s.v + spring + h * torque
     aside = -spring + tie * onto / low + h * laws.ripple(p, s.turned)
+    push = _by_link(p, push, s.v + (onto - tie * s.turning) / low, tie / low)
     old = s.turning, s.carried, s.bristle
     bare = tie - tie * tie / low
     turning, bristle, done = driven(near, push, old, rotor, bare, aside, h)
@@ -168,6 +169,17 @@ def geared_step(p: Drive, g: Grid, u: Array, aim: Array, s: Geared, h: float) ->
         for speed, off in zip((turning, v), drawn, strict=True)
     )
     return Geared(q, v, turned, turning, carried, bristle, link_bristle, memory)
+
+
+def _by_link(p: Drive, push: laws.Push, met: Array, share: Array) -> laws.Push:
+    """The servo, some of whose kv goes by the speed that the link will have.
+
+    Twice the link's mean speed over a step is `met` and that `share` of the motor's.
+    """
+    linked = p.linked * push.kv
+    return push._replace(
+        push=push.push - 0.5 * linked * met, kv=push.kv - linked + share * linked
+    )
 
 
 def _drawn(p: Drive, off: Array, touching: Array) -> tuple[Array, Array]:

@@ -42,7 +42,7 @@ CHAIN = (
 
 _GEAR = {
     "sensed": "encoder_on_motor", "link_share": "link_share",
-    "behind": "armature_share", "ratio": "damping_ratio",
+    "behind": "armature_share", "ratio": "damping_ratio", "linked": "kv_on_link",
 }  # fmt: skip
 NUMBERS = {
     "command_delay": {"delay": "delay"},

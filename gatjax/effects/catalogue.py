@@ -31,6 +31,7 @@ _GEAR = (
     P("encoder_on_motor", "1", 0.0, 1.0, 0.0),
     P("link_share", "1", 0.0, 1.0, 0.1),
     P("armature_share", "1", 0.0, 0.9, 0.0),
+    P("kv_on_link", "1", 0.0, 1.0, 0.0),
 )
 
 CATALOGUE = {
@@ -113,7 +114,7 @@ CATALOGUE = {
         0.0,
         (Part("gear", None,
               ("width", "damping_ratio", "encoder_on_motor", "link_share",
-               "armature_share")),),
+               "armature_share", "kv_on_link")),),
         "motor and link are two inertias with a gap of this total width between them",
         "B-Human joint play: 1.0-1.4 deg; Dynamixel e-manual: 0.25 deg",
     ),
@@ -133,7 +134,7 @@ CATALOGUE = {
          P("damping_ratio", "1", 0.0, 2.0, 0.05), *_GEAR), INF,
         (Part("gear", None,
               ("stiffness", "damping_ratio", "encoder_on_motor", "link_share",
-               "armature_share")),),
+               "armature_share", "kv_on_link")),),
         "motor and link are two inertias with a spring between them",
         "Spong 1987, flexible joint model; 8 to 300 N m/rad for servos",
     ),

@@ -31,6 +31,7 @@ class Gear(NamedTuple):
     link_share: Array  # share of damping and dry friction that is behind the gear
     armature_share: Array  # share of the armature that is behind the gear
     encoder_on_motor: Array  # 1: servo and log see the motor's angle; 0: the link's
+    kv_on_link: Array  # share of kv that goes by the link's speed, not the motor's
 
 
 class Motion(NamedTuple):
@@ -46,17 +47,18 @@ class Motion(NamedTuple):
 
 
 class Side(NamedTuple):
-    """The motor, [..., J]: resist speed' = push - torque of the gear."""
+    """The motor: resist speed' = push - torque of the gear - slowed (link's speed)'."""
 
-    push: Array  # N m
+    push: Array  # [..., J] N m
     resist: Array  # N m s/rad, inertia over the step included
+    slowed: Array  # N m s/rad, kv by the speed of the link
     pull: Array  # N m, torque of the servo
 
 
 def absent(joints: int) -> Gear:
     """Return the parameters of joints without a gear."""
     none = np.zeros(joints)
-    return Gear(none, none + np.inf, none + 0.05, none + 0.1, none, none)
+    return Gear(none, none + np.inf, none + 0.05, none + 0.1, none, none, none)
 
 
 def changed(
@@ -120,12 +122,12 @@ def transmission(period: float) -> Effect:
         twist = _twist(state, drive.angle)
         side = _motor(xp, gear, drive, period)
         hard, grip = _touched(xp, gear, drive, twist, side, period)
-        free = side.push - hard + grip * drive.velocity
+        free = side.push - hard + (grip - side.slowed) * drive.velocity
         rub = (1.0 - gear.link_share) * servo.friction
         held, whole = xp.abs(free) <= rub, side.resist + grip
         own = (side.push - hard - xp.clip(free, -rub, rub)) / whole
         own = xp.where(held, 0.0, own)
-        taken = xp.where(held, 0.0, grip / whole)
+        taken = xp.where(held, 0.0, (grip - side.slowed) / whole)
         drag = grip * (1.0 - taken)
         load = hard + grip * own - drag * drive.velocity
         state = Motion(
@@ -149,19 +151,22 @@ def transmission(period: float) -> Effect:
 def _motor(xp: Any, gear: Gear, drive: Drive, period: float) -> Side:
     """Return the motor without the gear.
 
-    Its servo sees the angle of motor or link; kv is the motor's own, as back EMF is.
+    Its servo sees the angle of motor or link; kv is the motor's own, as back EMF is,
+    or goes by the link's speed, as where an encoder there tells it.
     """
     servo, speed = drive.servo, drive.turning
     error = drive.target - servo.hold * drive.seen
-    asked = servo.gain * error - servo.damping * speed
+    linked = gear.kv_on_link * servo.damping
+    own = servo.damping - linked
+    asked = servo.gain * error - own * speed - linked * drive.velocity
     pull = xp.clip(asked, servo.low, servo.high)
     able = pull == asked
     viscous = (1.0 - gear.link_share) * servo.viscous
     return Side(
         push=servo.rotor / period * speed + drive.load
         + xp.where(able, servo.gain * error, pull),
-        resist=servo.rotor / period + viscous + xp.where(able, servo.damping, 0.0),
-        pull=pull,
+        resist=servo.rotor / period + viscous + xp.where(able, own, 0.0),
+        slowed=xp.where(able, linked, 0.0), pull=pull,
     )  # fmt: skip
 
 
@@ -179,11 +184,12 @@ def _touched(
         left = push - xp.clip(push, -rub, rub)
         return left / resist - drive.velocity
 
-    ahead = twist + period * slip(side.push, side.resist)
+    pushed = side.push - side.slowed * drive.velocity
+    ahead = twist + period * slip(pushed, side.resist)
     edge = 0.5 * gear.width * xp.sign(ahead)
     grip = xp.maximum(stiffness * period, damping)  # an implicit spring damps, too
     hard = stiffness * (twist - edge)
-    push = side.push - hard + grip * drive.velocity
+    push = pushed - hard + grip * drive.velocity
     torque = hard + grip * slip(push, side.resist + grip)
     touching = (torque * edge > 0.0) & (xp.abs(ahead) > 0.5 * gear.width)
     touching = touching | (gear.width <= 0.0)
