@@ -129,12 +129,12 @@ def transmission(period: float) -> Effect:
         own = xp.where(held, 0.0, own)
         taken = xp.where(held, 0.0, (grip - side.slowed) / whole)
         drag = grip * (1.0 - taken)
-        load = hard + grip * own - drag * drive.velocity
+        handed = hard + grip * own - drag * drive.velocity
         state = Motion(
             twist=xp.where(on, twist, 0.0), angle=drive.angle,
             own=xp.where(on, own, 0.0), taken=xp.where(on, taken, 1.0),
             period=period + 0.0 * twist, pull=side.pull,
-            handed=xp.where(on, load, 0.0),
+            handed=xp.where(on, handed, 0.0),
         )  # fmt: skip
         behind = gear.link_share * (servo.friction + drive.apart)
         friction = xp.where(on, behind, servo.friction)
@@ -142,7 +142,8 @@ def transmission(period: float) -> Effect:
         rotor = xp.where(on, behind + period * drag, servo.rotor)
         return state, drive._replace(
             servo=servo._replace(friction=friction, rotor=rotor),
-            load=xp.where(on, load, drive.load),
+            load=xp.where(on, handed + gear.link_share * drive.skew, drive.load),
+            skew=xp.where(on, 0.0, drive.skew),
         )
 
     return Effect(init, apply)
@@ -164,6 +165,7 @@ def _motor(xp: Any, gear: Gear, drive: Drive, period: float) -> Side:
     viscous = (1.0 - gear.link_share) * servo.viscous
     return Side(
         push=servo.rotor / period * speed + drive.load
+        + (1.0 - gear.link_share) * drive.skew
         + xp.where(able, servo.gain * error, pull),
         resist=servo.rotor / period + viscous + xp.where(able, own, 0.0),
         slowed=xp.where(able, linked, 0.0), pull=pull,

@@ -100,7 +100,7 @@ def load_friction(period: float) -> Effect:
         of_link = params["of_link"] > 0.5
         pulled, speed = pull(drive), drive.velocity
         turning = servo.rotor * (speed - before) / period
-        given = pulled - servo.viscous * speed - turning
+        given = pulled + drive.load + drive.skew - servo.viscous * speed - turning
         ahead, back = (
             _handed_on(coefficient, servo.friction, side * given)
             for side in (1.0, -1.0)
@@ -141,7 +141,7 @@ def one_way() -> Effect:
         xp = namespace_of(speed, torque)
         damping = xp.where(torque == 0.0, 0.0, params["viscous"])
         slowed = xp.abs(damping) * speed + damping * xp.abs(speed)
-        return drive._replace(load=drive.load - 0.5 * (torque + slowed))
+        return drive._replace(skew=drive.skew - 0.5 * (torque + slowed))
 
     return memoryless(change)
 
@@ -226,10 +226,11 @@ def current_limit() -> Effect:
 def thermal(period: float) -> Effect:
     """Warm motors lose gain and limit; params: lost_fraction, cooling (s), heat.
 
-    d(warmth)/dt = torque^2 - warmth / cooling; a share lost_fraction warmth / heat of
-    gain and torque limits is lost, 95 % at most. `heat` in N^2 m^2 s is the warmth at
-    which lost_fraction is lost; NaN means that of a motor which has run at a quarter of
-    its rated limit for ever. Motors are cold at the start. lost_fraction 0 is neutral.
+    d(warmth)/dt = torque^2 - warmth / cooling, the torque that of the step before; a
+    share lost_fraction warmth / heat of gain and torque limits is lost, 95 % at most.
+    `heat` in N^2 m^2 s is the warmth at which lost_fraction is lost; NaN means that of
+    a motor which has run at a quarter of its rated limit for ever. Motors are cold at
+    the start. lost_fraction 0 is neutral.
     """
 
     def init(params: dict[str, Array], drive: Drive) -> Array:
@@ -242,10 +243,9 @@ def thermal(period: float) -> Effect:
         heat, limit = params["heat"], WARM * drive.rated
         usual = xp.where(xp.isfinite(limit), limit**2 * params["cooling"], 1.0)
         heat = xp.where(xp.isnan(heat), usual, heat)
+        warmth = warmth + period * (drive.torque**2 - warmth / params["cooling"])
         share = 1.0 - params["lost_fraction"] * warmth / heat
-        drive = _weakened(drive, xp.maximum(share, LEAST))
-        gain = pull(drive) ** 2 - warmth / params["cooling"]
-        return warmth + period * gain, drive
+        return warmth, _weakened(drive, xp.maximum(share, LEAST))
 
     return Effect(init, apply)
 
@@ -257,19 +257,12 @@ def supply() -> Effect:
     torques of the step before. NaN as total means half the sum of all rated limits.
     """
 
-    def init(params: dict[str, Array], drive: Drive) -> Array:
-        xp = namespace_of(drive.velocity)
-        return xp.abs(drive.torque).sum(-1, keepdims=True)
-
-    def apply(
-        params: dict[str, Array], drawn: Array, drive: Drive
-    ) -> tuple[Array, Drive]:
+    def change(params: dict[str, Array], drive: Drive) -> Drive:
         xp = namespace_of(drive.velocity, params["max_drop"])
+        drawn = xp.abs(drive.torque).sum(-1, keepdims=True)
         usual = 0.5 * drive.rated.sum(-1, keepdims=True)
         total = xp.where(xp.isnan(params["total"]), usual, params["total"])
-        drive = _weakened(
-            drive, 1.0 - params["max_drop"] * xp.minimum(1.0, drawn / total)
-        )
-        return xp.abs(pull(drive)).sum(-1, keepdims=True), drive
+        loaded = xp.minimum(1.0, drawn / total)
+        return _weakened(drive, 1.0 - params["max_drop"] * loaded)
 
-    return Effect(init, apply)
+    return memoryless(change)
