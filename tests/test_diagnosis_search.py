@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 from scipy.optimize import brentq
-from test_diagnosis_plant import joint, wave
+from test_diagnosis_plant import NOMINAL, joint, wave
 
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis import search, shaken
@@ -129,6 +129,32 @@ def test_an_uneven_servo_is_told_from_friction_of_one_direction(law, best):
     )  # fmt: skip
     found = search.explain(elbow, search.healthy(elbow), bank)[0].hypothesis
     assert found is not None and best in (found.cause, found.variant)
+
+
+def test_a_spring_beside_the_servo_that_slips_has_no_name():
+    """A hose after Bouc and Wen (1976, n = 1), which the bank's law is simpler than."""
+    elbow, way, most = joint(wave, rest=0.3), 0.1, 0.6
+    n, inertia, h = NOMINAL, 0.018 + NOMINAL["armature"], 1e-4
+    clock = np.asarray(elbow.grid.clock)[:, 0]
+    q = v = bent = 0.0
+    path = []
+    for t in np.arange(clock[0], clock[-1], h):
+        path.append(q)
+        bent += h * (v - (abs(v) * bent + v * abs(bent)) / (2.0 * way))
+        torque = n["kp"] * (wave(t) - q) - (n["kv"] + n["damping"]) * v
+        v += h * (torque - most / way * bent - 0.3) / inertia
+        q += h * v
+    read = np.interp(elbow.time[0], np.arange(clock[0], clock[-1], h), path)
+    noise = 7e-4 * np.random.default_rng(0).normal(size=read.shape)
+    elbow = elbow._replace(measured=(read + noise)[None])
+    loads = "gravity_tilt", "payload", "com_shift"
+    bank = of_drive(elbow, CAUSES + OTHERS)
+    bank = tuple(h for h in bank if h.cause not in loads)
+    with jax.numpy_rank_promotion("allow"):
+        found = search.explain(elbow, search.healthy(elbow), bank)
+    assert found[0].hypothesis is not None
+    assert found[0].hypothesis.variant == "hysteretic spring"
+    assert found[0].rms() < 3.0 * elbow.noise
 
 
 @pytest.mark.parametrize("seed", [0, 4])

@@ -103,8 +103,7 @@ class Accepting(Known):
                     self.case, self.joints, self.known = old
                 break
         left = self.left(dict(enumerate(self.known)))
-        near = {k: PARTED if k in self.case.pulled else ASTRAY for k in left}
-        self.found = {k: [] for k, rms in left.items() if rms < near[k]}
+        self.found = {k: [] for k, rms in left.items() if rms < PARTED}
 
     def bounced(self, known: list[Fit]) -> bool:
         """Draw joints with a gap that nobody can follow; whether there were any.

@@ -207,6 +207,28 @@ def _spring() -> Hypothesis:
     )  # fmt: skip
 
 
+def _hysteresis() -> Hypothesis:
+    """A spring beside the servo that slips: cables, hoses, rubber (Prandtl 1928).
+
+    Dry friction that yields far before it slips; ln of its level and of that way, rad.
+    """
+
+    def values(joint: Joint, x: np.ndarray) -> Numbers:
+        level, give = limit_of(joint) * float(np.exp(x[0])), float(np.exp(x[1]))
+        return {"stiffness": level / give, "torque": level}
+
+    def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
+        drive["friction"] = drive.get("friction", 0.0) + values(joint, x)["torque"]
+        drive["give"] = float(np.exp(x[1]))
+
+    shares, ways = (0.02, 0.1, 0.4), (0.05, 0.2)
+    starts = tuple((float(np.log(a)), float(np.log(b))) for a in shares for b in ways)
+    return Hypothesis(
+        "", "hysteretic spring", put, starts, (0.03, 0.03),
+        (np.log(0.003), np.log(0.02)), (np.log(2.0), np.log(1.0)), values,
+    )  # fmt: skip
+
+
 _LOAD = positive("load_friction", "coefficient", "loaded", 0.02, 3.0, (0.1, 0.3, 0.8))
 _WIDTH = positive("backlash", "width", "width", 0.002, 0.2, (0.008, 0.02, 0.04, 0.08))
 _SPRING = positive(
@@ -292,6 +314,7 @@ SURE = {  # tolerances, and what cannot be where one is 0
 OTHERS: tuple[Hypothesis, ...] = (
     signed("", "quadratic drag", "drag", "coefficient", 0.1, 5.0, limit_of),
     _spring(),
+    _hysteresis(),
     wave("", "periodic torque", ("wave", "wave_phase", "frequency"), _FREQUENCIES),
     signed("", "integral action", "integral", "rate", 3.0, 50.0),
     signed("", "uneven gain", "skew", "skew", 0.3, 0.95),
