@@ -78,7 +78,11 @@ def decide(judge: Judge) -> Verdict:
             couple = pairs.better(judge, claims, best) if room else None
             trial, both = (judge, []) if couple is None else coupled(judge, couple)
             sure = both and min(cause.probability for cause in both) >= LIKELY
-            if not (sure and adequate(trial, best.where[0])):
+            if (
+                not sure
+                or _eased(judge, best, trial)
+                or not adequate(trial, best.where[0])
+            ):
                 law = best if not best.hypothesis.cause else None
                 break
             judge, causes, before = trial, [*causes, *both], [*before, now, now]
@@ -126,6 +130,13 @@ def _catalogued(judge: Judge, claims: list[Claim], best: Claim) -> Claim:
     index = best.where[0]
     clear = (c for c in near if c.fits[index].rms() < ROUGH * judge.joints[index].noise)
     return next(clear, best)
+
+
+def _eased(judge: Judge, law: Claim, trial: Judge) -> bool:
+    """Whether a couple draws a joint to its readings that a law follows without."""
+    k = law.where[0]
+    follows = law.fits[k].rms() < ROUGH * judge.joints[k].noise
+    return follows and k in trial.case.pulled and k not in judge.case.pulled
 
 
 def _everywhere(judge: Judge) -> list[Cause]:
