@@ -109,6 +109,25 @@ def test_two_causes_that_explain_less_than_an_unnamed_law_are_not_told(told):
     assert told(script, {"scale", "offset"}) == ("unknown", [])
 
 
+def test_two_causes_that_need_a_drawn_joint_are_no_better_than_a_law_that_does_not(
+    told, monkeypatch
+):
+    script = {
+        "": {LAW: 300.0, "scale": 60.0, "offset": 25.0},
+        "scale": {"offset": 270.0}, "offset": {"scale": 310.0},
+    }  # fmt: skip
+    accept = Scripted.accept
+
+    def drawn(judge, claim):
+        judge.case.pulled[0] = 10.0
+        return accept(judge, claim)
+
+    monkeypatch.setattr(Scripted, "accept", drawn)
+    assert told(script, {"scale", "offset"}) == ("unknown", [])
+    monkeypatch.setattr(verdict, "ROUGH", 0.5)  # the law leaves as much as the noise
+    assert told(script, {"scale", "offset"}) == ("named", ["offset", "scale"])
+
+
 def test_two_causes_that_leave_most_of_a_misfit_are_not_looked_into(told, monkeypatch):
     script = {
         "": {LAW: 300.0, "scale": 60.0, "offset": 25.0},
