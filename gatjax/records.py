@@ -95,7 +95,7 @@ class Servo(NamedTuple):
 
 
 class Drive(NamedTuple):
-    """What joint effects transform: `servo`, `load`, `skew`, `apart`, and no more."""
+    """What joint effects transform: `servo`, `load`, friction and nothing else."""
 
     target: Array  # [..., J] rad, what the servo was told
     angle: Array  # [..., J] rad, joint position now
@@ -106,7 +106,8 @@ class Drive(NamedTuple):
     servo: Servo  # as it is now
     rated: Array  # [..., J] N m, its limit before any effect lowers it
     load: Array  # [..., J] N m, torque on the joint beside the servo's
-    skew: Array  # [..., J] N m, the same, where a gear parts them by shares of friction
+    lean: Array  # [..., J] N m, torque of friction in one direction, shared by a gear
+    lean_apart: Array  # [..., J] N m, that at the link's speed, less `lean`
     torque: Array  # [..., J] N m, what the servo gave in the last step
     stiffness: Array  # [..., J] share of its gain that a log says it had; 0: no power
     geared: Array  # [..., J] 1: motor and link are apart, with a gear between

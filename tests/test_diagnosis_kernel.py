@@ -42,8 +42,9 @@ def drives(rng, count):
     most = {
         "delay": 0.02, "late": 0.01, "drift": 0.02, "lag": 0.02, "quantum": 0.02,
         "dead": 0.01, "stiction": 0.3, "loaded": 0.1, "of_link": 1.0,
-        "asymmetric": 0.2, "one_sided": 0.1, "ripple": 0.3, "ripple_phase": 3.0,
-        "zero_in": 0.02, "zero_out": 0.02, "heat": 0.5, "sag": 0.3, "soft": 0.1,
+        "asymmetric": 0.2, "lean": 0.2, "one_sided": 0.1, "ripple": 0.3,
+        "ripple_phase": 3.0, "zero_in": 0.02, "zero_out": 0.02, "heat": 0.5,
+        "sag": 0.3, "soft": 0.1,
         "width": 0.02, "ratio": 0.5, "sensed": 1.0, "link_share": 0.8,
         "behind": 0.8, "linked": 1.0, "drag": 0.1, "spring": 0.5, "bias": 0.2,
         "wave": 0.3, "wave_phase": 1.0, "integral": 2.0, "skew": 0.3, "pull": 20.0,

@@ -293,6 +293,13 @@ def test_an_order_that_the_simulated_joint_has_not_is_refused(tmp_path):
     assert len(read_start(tmp_path / "w.json").rows) == 2
     written(tmp_path / "w.json", band, ("encoder_offset", 0.05))  # of the log only
     assert len(read_start(tmp_path / "w.json").rows) == 2
+    scale, zero = ("encoder_scale", 0.9), ("encoder_offset", 0.05)
+    written(tmp_path / "w.json", zero, scale)
+    assert len(read_start(tmp_path / "w.json").rows) == 2
+    for offset in (zero, inside):
+        written(tmp_path / "w.json", scale, offset)
+        with pytest.raises(ValueError, match="encoder_scale stands before"):
+            read_start(tmp_path / "w.json")
     written(tmp_path / "w.json", band, inside)
     with pytest.raises(ValueError, match="dead_band stands before encoder_offset"):
         read_start(tmp_path / "w.json")

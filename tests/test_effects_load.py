@@ -19,8 +19,9 @@ def driven(pulled, speed=0.0):
     none = 0.0 * one
     return Drive(
         target=pulled, angle=none, velocity=speed * one, seen=none, turned=none,
-        turning=speed * one, servo=servo, rated=servo.high, load=none, skew=none,
-        torque=none, stiffness=one, geared=none, handed=none, apart=none,
+        turning=speed * one, servo=servo, rated=servo.high, load=none, lean=none,
+        lean_apart=none, torque=none, stiffness=one, geared=none, handed=none,
+        apart=none,
     )  # fmt: skip
 
 

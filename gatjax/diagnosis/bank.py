@@ -210,7 +210,8 @@ def _spring() -> Hypothesis:
 def _hysteresis() -> Hypothesis:
     """A spring beside the servo that slips: cables, hoses, rubber (Prandtl 1928).
 
-    Dry friction that yields far before it slips; ln of its level and of that way, rad.
+    Dry friction that yields far before it slips, the joint's own with it; ln of its
+    level and of that way, rad.
     """
 
     def values(joint: Joint, x: np.ndarray) -> Numbers:
@@ -229,6 +230,10 @@ def _hysteresis() -> Hypothesis:
     )  # fmt: skip
 
 
+_SIDES = (
+    ("encoder on link", 0.0, 0.0), ("encoder and kv on link", 0.0, 1.0),
+    ("encoder on motor", 1.0, 0.0),
+)  # fmt: skip
 _LOAD = positive("load_friction", "coefficient", "loaded", 0.02, 3.0, (0.1, 0.3, 0.8))
 _WIDTH = positive("backlash", "width", "width", 0.002, 0.2, (0.008, 0.02, 0.04, 0.08))
 _SPRING = positive(
@@ -260,15 +265,13 @@ CAUSES: tuple[Hypothesis, ...] = (
     _stiction(),
     variant_of(_LOAD, "of the link's torque", {"of_link": 1.0}),
     variant_of(_LOAD, "of the servo's torque", {"of_link": 0.0}),
-    geared(_WIDTH, "link"),
-    geared(_WIDTH, "motor"),
+    *(geared(_WIDTH, *side) for side in _SIDES),
     positive("dead_band", "half_width", "dead", 0.002, 0.2, _BANDS),
     positive(
         "command_quantization", "step", "quantum", quantum.LEAST, quantum.MOST, _QUANTA,
         step=0.004,
     )._replace(guess=_steps, rung=0.001),
-    geared(_SPRING, "link"),
-    geared(_SPRING, "motor"),
+    *(geared(_SPRING, *side) for side in _SIDES),
     wave("torque_ripple", "", ("ripple", "ripple_phase", "cycles"), _CYCLES),
     signed(
         "asymmetric_friction", "", "asymmetric", "torque", 0.12, 1.0, limit_of

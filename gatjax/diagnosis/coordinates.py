@@ -91,40 +91,42 @@ def variant_of(base: Hypothesis, variant: str, fixed: Numbers) -> Hypothesis:
     return base._replace(variant=variant, put=put, values=values)
 
 
-def geared(base: Hypothesis, side: str) -> Hypothesis:
+def geared(base: Hypothesis, variant: str, sensed: float, linked: float) -> Hypothesis:
     """The same cause with the motor and the link apart, each with some of the joint's.
 
     The last coordinates are the link's shares of friction and of armature (wheels of
-    the gear turn with it), ln of the damping ratio, which says how teeth bounce, and
-    where the encoder's `side` is the link, the share of kv that goes by what it sees.
-    """
-    sensed, own = float(side == "motor"), len(base.low)
-    starts = ((0.1, 0.1, np.log(0.1), 0.0), (0.1, 0.1, np.log(0.3), 1.0),
-              (0.8, 0.1, np.log(0.2), 0.0))  # fmt: skip
-    fields = ("link_share", "behind", "ratio", "linked")[: 3 if sensed else 4]
-    names = "link_share", "armature_share", "damping_ratio", "kv_on_link"
+    the gear turn with it), and ln of the damping ratio, which says how teeth bounce.
 
-    def rest(x: np.ndarray) -> list[float]:
-        return [float(np.exp(v)) if k == 2 else float(v) for k, v in enumerate(x[own:])]
+    Args:
+        base: backlash or elasticity.
+        variant: says the rest.
+        sensed: 1: the encoder sits on the motor; 0: on the link.
+        linked: 1: the servo's kv goes by the speed of the link; 0: of the motor.
+    """
+    own, fixed = len(base.low), {"encoder_on_motor": sensed, "kv_on_link": linked}
+
+    def rest(x: np.ndarray) -> tuple[float, float, float]:
+        return float(x[own]), float(x[own + 1]), float(np.exp(x[own + 2]))
 
     def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
         base.put(drive, joint, x[:own])
-        drive["sensed"] = sensed
-        drive.update(zip(fields, rest(x), strict=True))
+        drive["sensed"], drive["linked"] = sensed, linked
+        drive["link_share"], drive["behind"], drive["ratio"] = rest(x)
 
     def values(joint: Joint, x: np.ndarray) -> Numbers:
-        numbers = dict(zip(names, rest(x), strict=False))
-        return base.values(joint, x[:own]) | {"encoder_on_motor": sensed, **numbers}
-
-    def whole(row: tuple[float, ...], more: Sequence[float]) -> tuple[float, ...]:
-        return (*row, *(float(v) for v in more[: len(fields)]))
+        names = "link_share", "armature_share", "damping_ratio"
+        numbers = dict(zip(names, rest(x), strict=True))
+        return base.values(joint, x[:own]) | fixed | numbers
 
     return base._replace(
-        variant=f"encoder on {side}", put=put, geared=True, values=values,
-        starts=tuple(whole(s, more) for s in base.starts for more in starts),
-        steps=whole(base.steps, (0.05, 0.05, 0.1, 0.1)),
-        low=whole(base.low, (0.0, 0.0, np.log(0.02), 0.0)),
-        high=whole(base.high, (1.0, 0.5, np.log(1.0), 1.0)),
+        variant=variant, put=put, geared=True, values=values,
+        starts=tuple(
+            (*s, share, 0.1, float(np.log(ratio)))
+            for s in base.starts
+            for share, ratio in ((0.1, 0.1), (0.1, 0.3), (0.8, 0.2))
+        ),
+        steps=(*base.steps, 0.05, 0.05, 0.1), low=(*base.low, 0.0, 0.0, np.log(0.02)),
+        high=(*base.high, 1.0, 0.5, np.log(1.0)),
     )  # fmt: skip
 
 

@@ -34,6 +34,7 @@ class Drive(NamedTuple):
     loaded: Array  # friction per transmitted torque
     of_link: Array  # 0: that is the servo's torque, 1: what reaches the link
     asymmetric: Array  # N m, positive: when moving in the positive direction
+    lean: Array  # N m, constant torque that a gear shares as it shares friction
     one_sided: Array  # N m s/rad, of damping, the same way
     ripple: Array  # N m
     ripple_phase: Array  # rad

@@ -113,7 +113,7 @@ def rigid_step(p: Drive, g: Grid, u: Array, aim: Array, s: Rigid, h: float) -> R
     p = laws.damped(p, s.v)
     memory, push = laws.servo(p, g, u, s.servo, s.q + p.zero_in, s.v, h)
     inertia, torque = laws.link(p, g, s.q, s.v)
-    aside = h * (torque + laws.ripple(p, s.q))
+    aside = h * (torque + p.lean + laws.ripple(p, s.q))
     old = s.v, s.carried, s.bristle
     v, bristle, done = driven(p, push, old, inertia + p.armature, 0.0, aside, h)
     through = inertia * (v - s.v) / h - torque
@@ -148,8 +148,9 @@ def geared_step(p: Drive, g: Grid, u: Array, aim: Array, s: Geared, h: float) ->
     tie = jnp.where(beyond != 0.0, h * grip, 0.0)
     spring = h * p.stiffness * beyond
     low = inertia + tie + h * far.damping
-    onto = inertia * s.v + spring + h * torque
-    aside = -spring + tie * onto / low + h * laws.ripple(p, s.turned)
+    onto = inertia * s.v + spring + h * (torque + p.link_share * p.lean)
+    own = laws.ripple(p, s.turned) + (1.0 - p.link_share) * p.lean
+    aside = -spring + tie * onto / low + h * own
     push = _by_link(p, push, s.v + (onto - tie * s.turning) / low, tie / low)
     old = s.turning, s.carried, s.bristle
     bare = tie - tie * tie / low

@@ -82,7 +82,7 @@ def numbers(cause: str, values: Numbers, limit: float) -> Numbers:
             return {"speed" if values["on_motor"] else "rate": values["limit"]}
         case "asymmetric_friction":
             there = values["torque"] != 0.0
-            return {"bias": -0.5 * values["torque"],
+            return {"lean": -0.5 * values["torque"],
                     "one_sided": values["viscous"] if there else 0.0}  # fmt: skip
         case "encoder_offset":
             return {"zero_in" if values["in_loop"] else "zero_out": values["offset"]}
@@ -216,7 +216,10 @@ def started(world: World, file: Path) -> Start:
 
 
 def turn(row: dict[str, Any]) -> int:
-    """When a cause acts on the way from the command to the joint; -1: anywhere."""
+    """When a cause acts on the way from the command to the joint; -1: anywhere.
+
+    An encoder's error that only the log shows has a turn among such errors alone.
+    """
     return CHAIN.index(row["cause"]) if row["cause"] in CHAIN else -1
 
 

@@ -133,9 +133,10 @@ def _catalogued(judge: Judge, claims: list[Claim], best: Claim) -> Claim:
 
 
 def _eased(judge: Judge, law: Claim, trial: Judge) -> bool:
-    """Whether a couple draws a joint to its readings that a law follows without."""
+    """Whether a couple needs a joint drawn that a law without a name follows freely."""
     k = law.where[0]
     follows = law.fits[k].rms() < ROUGH * judge.joints[k].noise
+    follows &= not law.hypothesis.cause
     return follows and k in trial.case.pulled and k not in judge.case.pulled
 
 

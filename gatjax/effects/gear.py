@@ -47,9 +47,9 @@ class Motion(NamedTuple):
 
 
 class Side(NamedTuple):
-    """The motor: resist speed' = push - torque of the gear - slowed (link's speed)'."""
+    """The motor, [..., J]: resist speed' = push - torque of gear - slowed link's'."""
 
-    push: Array  # [..., J] N m
+    push: Array  # N m
     resist: Array  # N m s/rad, inertia over the step included
     slowed: Array  # N m s/rad, kv by the speed of the link
     pull: Array  # N m, torque of the servo
@@ -136,14 +136,15 @@ def transmission(period: float) -> Effect:
             period=period + 0.0 * twist, pull=side.pull,
             handed=xp.where(on, handed, 0.0),
         )  # fmt: skip
+        lean = drive.lean + drive.lean_apart
         behind = gear.link_share * (servo.friction + drive.apart)
         friction = xp.where(on, behind, servo.friction)
         behind = gear.armature_share / (1.0 - gear.armature_share) * servo.rotor
         rotor = xp.where(on, behind + period * drag, servo.rotor)
         return state, drive._replace(
             servo=servo._replace(friction=friction, rotor=rotor),
-            load=xp.where(on, handed + gear.link_share * drive.skew, drive.load),
-            skew=xp.where(on, 0.0, drive.skew),
+            load=xp.where(on, handed + gear.link_share * lean, drive.load),
+            lean=xp.where(on, 0.0, drive.lean),
         )
 
     return Effect(init, apply)
@@ -165,7 +166,7 @@ def _motor(xp: Any, gear: Gear, drive: Drive, period: float) -> Side:
     viscous = (1.0 - gear.link_share) * servo.viscous
     return Side(
         push=servo.rotor / period * speed + drive.load
-        + (1.0 - gear.link_share) * drive.skew
+        + (1.0 - gear.link_share) * drive.lean
         + xp.where(able, servo.gain * error, pull),
         resist=servo.rotor / period + viscous + xp.where(able, own, 0.0),
         slowed=xp.where(able, linked, 0.0), pull=pull,

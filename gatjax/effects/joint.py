@@ -25,7 +25,8 @@ def pull(drive: Drive) -> Array:
     """Torque of the servos now, [..., J] N m: kp error - kv velocity, in its limits.
 
     A drive that does not hold a position has its command instead of the error. The
-    error is of the angle that the encoder sees; back EMF is the motor's.
+    error is of the angle that the encoder sees; kv is by the motor's speed, here even
+    where a gear has it by the link's (`kv_on_link`).
     """
     xp, servo = namespace_of(drive.seen, drive.target), drive.servo
     error = drive.target - servo.hold * drive.seen
@@ -87,8 +88,8 @@ def stiction() -> Effect:
 def load_friction(period: float) -> Effect:
     """Friction per torque in a gear; params: coefficient (0 is neutral), of_link.
 
-    of_link 0: the torque is the servo's. 1: what it hands on to the link, after
-    friction, damping and what turns the motor (its speed-up in the last `period`, s):
+    of_link 0: the torque is the servo's. 1: what it hands on to the link, with ripple,
+    after friction, damping and what turns the motor (speed-up in the last `period`, s):
     harder to drive from the link than from the motor, by (1 + coefficient) /
     (1 - coefficient), and self-locking from 1 on. Where a gear with play or a spring
     keeps motor and link apart, it is what that gear has handed on.
@@ -100,7 +101,7 @@ def load_friction(period: float) -> Effect:
         of_link = params["of_link"] > 0.5
         pulled, speed = pull(drive), drive.velocity
         turning = servo.rotor * (speed - before) / period
-        given = pulled + drive.load + drive.skew - servo.viscous * speed - turning
+        given = pulled + drive.load + drive.lean - servo.viscous * speed - turning
         ahead, back = (
             _handed_on(coefficient, servo.friction, side * given)
             for side in (1.0, -1.0)
@@ -133,15 +134,19 @@ def one_way() -> Effect:
 
     The sign of each is the direction in which its size acts; 0 is neutral. Of the dry
     part, |torque| / 2 is friction of the model in both directions, and this a constant
-    torque besides. Where torque is 0, viscous counts for nothing.
+    torque besides. Where torque is 0, viscous counts for nothing. Motor and link share
+    it as they share friction.
     """
 
     def change(params: dict[str, Array], drive: Drive) -> Drive:
         torque, speed = params["torque"], drive.turning
         xp = namespace_of(speed, torque)
         damping = xp.where(torque == 0.0, 0.0, params["viscous"])
-        slowed = xp.abs(damping) * speed + damping * xp.abs(speed)
-        return drive._replace(skew=drive.skew - 0.5 * (torque + slowed))
+        damping = xp.maximum(xp.sign(speed) * damping, 0.0)
+        return drive._replace(
+            lean=drive.lean - 0.5 * torque - damping * speed,
+            lean_apart=drive.lean_apart + damping * (speed - drive.velocity),
+        )
 
     return memoryless(change)
 

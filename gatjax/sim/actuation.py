@@ -83,7 +83,7 @@ class Actuation(NamedTuple):
         joint, drive = self.joint.apply(values.joint, state.joint, begin)
         plain, torque = pull(begin), pull(drive)
         control, servo = _control(begin, plain, torque), drive.servo
-        push = Push(control, drive.load + drive.skew, servo.friction, None)
+        push = Push(control, drive.load + drive.lean, servo.friction, None)
         if self.geared:
             torque, push = joint[GEAR].pull, push._replace(armature=servo.rotor)
         return State(motor, joint, torque), push
@@ -120,7 +120,8 @@ class Actuation(NamedTuple):
             servo=values.servo,
             rated=values.servo.high,
             load=0.0 * signal.velocity,
-            skew=0.0 * signal.velocity,
+            lean=0.0 * signal.velocity,
+            lean_apart=0.0 * signal.velocity,
             torque=torque,
             stiffness=stiffness + 0.0 * signal.velocity,
             geared=0.0 * signal.velocity,
