@@ -13,7 +13,15 @@ from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.aliases import UPSIDE_DOWN
 from gatjax.diagnosis.assembly import TRANSPORT
 from gatjax.diagnosis.case import Case
-from gatjax.diagnosis.claims import PRICE, Claim, occam, shared_value, uncertainty
+from gatjax.diagnosis.claims import (
+    PLACE,
+    PRICE,
+    Claim,
+    occam,
+    price,
+    shared_value,
+    uncertainty,
+)
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import (
     COUNT,
@@ -443,3 +451,14 @@ def test_losses_on_the_way_do_not_depend_on_the_motion():
 def test_a_command_that_never_moves_loses_nothing():
     still = np.zeros(100)
     assert drops.selective([still > 1.0], [still]) == 0.0
+
+
+@pytest.mark.parametrize(("count", "joints", "cost"), [
+    (1, 12, PLACE), (12, 12, PLACE), (2, 12, np.log(66.0)), (11, 12, 11.0 * PLACE),
+    (2, 2, PLACE),
+])  # fmt: skip
+def test_a_group_of_joints_costs_what_chooses_it(count, joints, cost):
+    """Two of twelve can be taken in 66 ways, one of which suits noise."""
+    law = by_cause("coulomb_friction")
+    claim = Claim(law, np.zeros(1), tuple(range(count)), {}, 0.0)
+    assert price(claim, joints) == pytest.approx(cost + PRICE)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -110,10 +111,14 @@ def occam(
 def price(claim: Claim, joints: int) -> float:
     """What a claim's value and its places cost, in nats, of a robot with some joints.
 
-    All joints together are one place.
+    All joints together are one place; a group costs at least what chooses it from all
+    groups of its size.
     """
-    places = 1 if len(claim.where) == joints else len(claim.where)
-    return occam(claim.hypothesis, claim.own, claim.covariance) + PLACE * places
+    count = len(claim.where)
+    places = PLACE * (1 if count == joints else count)
+    if 1 < count < joints:
+        places = max(places, math.log(math.comb(joints, count)))
+    return occam(claim.hypothesis, claim.own, claim.covariance) + places
 
 
 def shared_value(
