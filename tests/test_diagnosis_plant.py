@@ -234,10 +234,10 @@ def test_friction_behind_the_gear_lets_the_motor_wind_it_up():
     assert wound[-1] == pytest.approx(0.005, abs=3e-4)  # two equal springs
 
 
-def test_damping_by_the_link_settles_what_damping_by_the_motor_does():
+def test_kv_goes_by_the_speed_of_the_motor_or_of_the_link():
     """Closed form: the motor of two springs, kv on its own or on the link's speed.
 
-    With x = (motor, link), M x'' = -K x - D x' + (kp told, 0); exact by matrix powers.
+    With x = (motor, link), M x'' = -K x - D x' + (kp told, 0); exact by its modes.
     """
     one, spring, link = joint(step_up), 40.0, 0.018
     drive = {"stiffness": spring, "ratio": 0.0, "kv": 0.2, "limit": 1e3, "damping": 0.0,

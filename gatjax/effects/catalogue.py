@@ -112,9 +112,7 @@ CATALOGUE = {
     "backlash": Cause(
         (P("width", "rad", 0.0, 0.25), P("damping_ratio", "1", 0.0, 2.0, 0.3), *_GEAR),
         0.0,
-        (Part("gear", None,
-              ("width", "damping_ratio", "encoder_on_motor", "link_share",
-               "armature_share", "kv_on_link")),),
+        (Part("gear", None, ("width", "damping_ratio", *(p.name for p in _GEAR))),),
         "motor and link are two inertias with a gap of this total width between them",
         "B-Human joint play: 1.0-1.4 deg; Dynamixel e-manual: 0.25 deg",
     ),
@@ -132,9 +130,7 @@ CATALOGUE = {
     "joint_elasticity": Cause(
         (P("stiffness", "N*m/rad", 1e-6, 1e8),
          P("damping_ratio", "1", 0.0, 2.0, 0.05), *_GEAR), INF,
-        (Part("gear", None,
-              ("stiffness", "damping_ratio", "encoder_on_motor", "link_share",
-               "armature_share", "kv_on_link")),),
+        (Part("gear", None, ("stiffness", "damping_ratio", *(p.name for p in _GEAR))),),
         "motor and link are two inertias with a spring between them",
         "Spong 1987, flexible joint model; 8 to 300 N m/rad for servos",
     ),

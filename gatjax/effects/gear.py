@@ -47,7 +47,7 @@ class Motion(NamedTuple):
 
 
 class Side(NamedTuple):
-    """The motor, [..., J]: resist speed' = push - torque of gear - slowed link's'."""
+    """The motor, [..., J]: resist w' = push - gear's torque - slowed v' of the link."""
 
     push: Array  # N m
     resist: Array  # N m s/rad, inertia over the step included
