@@ -55,9 +55,9 @@ def save(folder: str | os.PathLike[str], step: int, tree: Any) -> None:
         shutil.rmtree(place, ignore_errors=True)  # the rest of a save that was stopped
         with _uninterrupted(), _without_tracebacks(), _checkpointer() as checkpointer:
             checkpointer.save(place, args=orbax.args.StandardSave(_leaves(tree)))
-        listing = place / f"{FILES}.part"
-        listing.write_text(json.dumps(_digests(place), indent=1), encoding="utf-8")
-        listing.replace(place / FILES)
+            listing = place / f"{FILES}.part"
+            listing.write_text(json.dumps(_digests(place), indent=1), encoding="utf-8")
+            listing.replace(place / FILES)
     except (OSError, ValueError) as error:
         raise ValueError(
             f"checkpoint step {step} could not be written to {folder} "

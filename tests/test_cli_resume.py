@@ -18,6 +18,7 @@ from gatjax.cli.resume import resumed, world_digest
 from gatjax.data.recording import Recording, write_recording
 from gatjax.grounding.envelope import Envelope
 from gatjax.grounding.learn import Grounding, write_grounding
+from gatjax.loop.steps import physics
 from gatjax.records import JOINTS
 from gatjax.settings import DEMO, EVALUATION, ROBOT_LOG, seeds
 from gatjax.sim.stored import write_world
@@ -106,6 +107,23 @@ def test_the_digest_of_a_world_follows_its_file_and_its_grounding(tmp_path):
         write_grounding(tmp_path, Grounding("envelope", params, {}))
         digests.add(world_digest(tmp_path / "world.json"))
     assert len(digests) == 2
+
+
+def test_the_digest_of_a_world_follows_what_its_model_includes(tmp_path):
+    (tmp_path / "arm.xml").write_text(
+        '<mujoco><include file="opt.xml"/><worldbody><body><joint name="a"/><geom '
+        'size="0.1"/></body></worldbody><actuator><position joint="a"/></actuator>'
+        "</mujoco>"
+    )
+    digests, simulators = set(), set()
+    for gravity in (-9.8, -3.0):
+        option = f'<mujoco><option gravity="0 0 {gravity}"/></mujoco>'
+        (tmp_path / "opt.xml").write_text(option)
+        world = nominal(source=tmp_path / "arm.xml")
+        write_world(tmp_path / "world.json", world, {}, None)
+        digests.add(world_digest(tmp_path / "world.json"))
+        simulators.add(physics(world)["model"])
+    assert len(digests) == len(simulators) == 2
 
 
 # run --resume
@@ -451,7 +469,7 @@ def test_a_video_without_ffmpeg_is_one_line(tmp_path, monkeypatch):
         raise ImportError(name)
 
     monkeypatch.setattr(importlib, "import_module", missing)
-    with pytest.raises(ImportError, match=r"pip install 'gatjax\[video\]'"):
+    with pytest.raises(ImportError, match=r"pip install .*-e '\.\[video\]'"):
         film(tmp_path / "walk.mp4", nominal().model, np.zeros((3, 34)), 0.02)
     assert not list(tmp_path.iterdir())
 

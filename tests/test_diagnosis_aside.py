@@ -7,6 +7,7 @@ import pytest
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import result
 from gatjax.diagnosis.case import held, left_aside, prepare
+from gatjax.diagnosis.drops import with_commands
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.verdict import conclude
 
@@ -47,6 +48,18 @@ def runs():
     odd = every[3]
     hung = odd.angle + 0.3 * np.sin(40.0 * odd.time)[:, None]
     return [*every[:3], odd._replace(angle=hung), *every[4:]]
+
+
+def test_a_piece_waits_where_it_was_measured(runs):
+    """So does the world that plays it; a command in force there moves it later."""
+    model = mujoco.MjModel.from_xml_string(ARM)
+    late = runs[0]._replace(command=runs[0].command + 0.3)
+    (joint,) = prepare(held(model, [late], 0), [late], lambda *_: None).joints
+    lost = with_commands(joint, [late.command[:, 0]], [np.zeros(len(late.time))])
+    for target in (joint.grid.target[:, 0], lost.grid.target[:, 0]):
+        assert joint.lead > 1
+        np.testing.assert_allclose(target[: joint.lead], late.angle[0, 0], atol=1e-6)
+        assert target[joint.lead + 1] == pytest.approx(late.command[0, 0], abs=1e-3)
 
 
 def judged(runs):

@@ -9,6 +9,7 @@ from gatjax.diagnosis import findings
 from gatjax.diagnosis.bank import CAUSES, OTHERS
 from gatjax.diagnosis.claims import LATER, WORTH, Claim
 from gatjax.diagnosis.fit import Fit
+from gatjax.diagnosis.hypotheses import COUNT
 from gatjax.diagnosis.joint import NOTHING
 from gatjax.diagnosis.judge import Judge
 
@@ -65,6 +66,24 @@ def test_a_law_without_a_name_needs_more_where_tolerances_are_enough(
         findings.worth_naming(judge, Claim(bank[0], none, (0,), {0: fit}, gain))
         is worth
     )
+
+
+def test_the_size_of_a_known_cause_is_no_strained_tolerance():
+    """A lag of 50 ms has the coordinate ln 0.05, whose square is 9."""
+    lag = next(each for each in CAUSES if each.cause == "first_order_lag")
+    x, none = np.append(np.zeros(COUNT), np.log(0.05)), np.zeros(1)
+    rests = [np.full(100, level) for level in (1.5, 1.35)]
+    before, after = (
+        Fit(lag, x, 0.0, rest, none, none, 1.0, settled=True) for rest in rests
+    )
+    judge = object.__new__(Judge)
+    judge.joints, judge.known = [SimpleNamespace(noise=1.0)], [before]
+    claim = Claim(lag, none, (0,), {0: after}, 30.0)
+    left = (1.35**2 - findings.EXPECTED) / (1.5**2 - findings.EXPECTED)
+    assert findings.explained(judge, claim) == pytest.approx(1.0 - left)
+    strained = before._replace(x=np.append(np.full(COUNT, 2.0), x[-1]))
+    judge.known = [strained]
+    assert findings.explained(judge, claim) == 1.0  # tolerances imitate something
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,7 @@ from gatjax.diagnosis.floor import (
     played,
     pushes,
     reaction,
+    scene,
     standing,
     tolerances,
     weights,
@@ -146,6 +147,7 @@ def logged(
     where: str = "",
     values: dict[str, float] | float = 0.0,
     asked: tuple[np.ndarray, np.ndarray] | None = None,
+    askew: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> tuple[JointRun, dict[str, np.ndarray]]:
     """A log of the robot with a cause, with a little noise; a bow if not asked."""
     time, command = asked or commands()
@@ -154,6 +156,7 @@ def logged(
         world = add_cause(world, cause, [where], values)
     blind = JointRun(0, time, command, 0.0 * command)
     row = played.replayed(world, [blind], [world.values])[0]
+    row = scene.askew(row, np.array(askew))
     rng = np.random.default_rng(1)
     angle = row.at(time, row.angle)[0] + 3e-4 * rng.normal(size=command.shape)
     seen = simulated(model, row, time)
@@ -251,7 +254,7 @@ def test_causes_of_the_floor_are_named(
 ) -> None:
     run, channels = logged(model, cause, where, values)
     robot = standing.prepare(model, [run], [channels], PERIOD, silent)
-    best = claims.claims(claims.scene(robot, silent), silent)[0]
+    best = claims.claims(scene.prepare(robot, silent), silent)[0]
     assert (best.cause, best.where) == (cause, where)
     assert best.gain > 10.0
     first = next(iter(best.values.values()))
@@ -262,7 +265,7 @@ def test_causes_of_the_floor_are_named(
 def test_a_healthy_robot_has_no_claim(model: mujoco.MjModel) -> None:
     run, channels = logged(model)
     robot = standing.prepare(model, [run], [channels], PERIOD, silent)
-    assert claims.claims(claims.scene(robot, silent), silent)[0].gain < 10.0
+    assert claims.claims(scene.prepare(robot, silent), silent)[0].gain < 10.0
 
 
 def test_a_weak_hip_of_a_standing_robot_is_named(
@@ -286,6 +289,25 @@ def test_a_weak_hip_of_a_standing_robot_is_named(
     assert found["gain"]["compared_share"] == 1.0
     world, _ = read_world(tmp_path / "out", Task(control_period=PERIOD))
     assert "gain_error" in [row["cause"] for row in world.causes]
+
+
+def test_two_causes_of_a_standing_robot_are_named(
+    model: mujoco.MjModel, tmp_path: Path
+) -> None:
+    """An inertial unit that is askew hides no weak hip, nor the hip the unit."""
+    (tmp_path / "robot.xml").write_text(XML)
+    askew = (0.045, 0.04, 0.0)
+    run, channels = logged(model, "gain_error", "LHip", {"scale": 0.5}, askew=askew)
+    log = recorded(run, channels)
+    start = Start(str(tmp_path / "robot.xml"))
+    found = diagnose(start, Logs([log], [log]), tmp_path / "out", 0, silent)
+    assert found["verdict"] == "named"
+    sizes = {row["cause"]: row["parameters"] for row in found["causes"]}
+    assert sizes.keys() == {"imu_misalignment", "gain_error"}
+    assert sizes["gain_error"]["scale"]["value"] == pytest.approx(0.5, rel=0.2)
+    for axis, angle in zip(("roll", "pitch"), askew[:2], strict=True):
+        turned = sizes["imu_misalignment"][axis]["value"]
+        assert turned == pytest.approx(angle, rel=0.2)
 
 
 def test_positions_alone_of_a_healthy_robot_are_enough(

@@ -22,7 +22,8 @@ from test_diagnosis_floor import (
 from gatjax.diagnosis import search
 from gatjax.diagnosis.bank import CAUSES, OTHERS
 from gatjax.diagnosis.diagnose import diagnose
-from gatjax.diagnosis.floor import carried, claims, contact, standing
+from gatjax.diagnosis.floor import carried, claims, contact, scene, standing
+from gatjax.diagnosis.floor import judge as judges
 from gatjax.diagnosis.floor.causes import suspects
 from gatjax.diagnosis.floor.judge import StandingJudge
 from gatjax.diagnosis.given import Logs
@@ -86,7 +87,7 @@ def test_a_payload_of_a_standing_robot_is_told_by_its_feet(
     values = {"mass": 0.5, "x": 0.03, "y": 0.01, "z": 0.05}
     run, channels = logged(model, "payload", where, values)
     robot = standing.prepare(model, [run], [channels], PERIOD, silent)
-    best = claims.claims(claims.scene(robot, silent), silent)[0]
+    best = claims.claims(scene.prepare(robot, silent), silent)[0]
     assert (best.cause, best.where) == ("payload", where)
     assert best.gain > 10.0 and best.low < best.high
     assert best.values["mass"] == pytest.approx(0.5, rel=0.15)
@@ -107,10 +108,11 @@ def test_joints_of_a_standing_robot_are_looked_at_with_a_part_of_the_bank(
     """As `Accepting` asks for where one joint's claim is looked at again."""
     banks = []
     monkeypatch.setattr(search, "proposals", lambda *told: banks.append(told[2]) or [])
+    monkeypatch.setattr(judges, "of_drive", lambda joint, bank: (joint, bank))
     judge: Any = SimpleNamespace(joints=["hip"], known=["healthy"])
     for own in ((), (CAUSES,)):
         assert StandingJudge.explained(judge, 0, *own) == []
-    assert banks == [CAUSES + OTHERS, CAUSES]
+    assert banks == [("hip", CAUSES + OTHERS), ("hip", CAUSES)]
 
 
 def test_a_foot_that_is_a_ball_wears_to_all_sides(tmp_path: Path) -> None:

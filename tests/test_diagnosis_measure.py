@@ -11,6 +11,29 @@ from gatjax.sim.limbs import settling
 from gatjax.sim.world import add_cause, nominal
 from gatjax.task import Task
 
+
+@pytest.mark.parametrize("blocks", [1, 2, 3, 8, 30])
+def test_a_gain_that_is_none_is_seldom_proven(blocks):
+    """An interval of 95 % lies above nothing in 2.5 % of logs, however short."""
+    draw, proven, tried = np.random.default_rng(0), 0, 400
+    names = np.repeat(np.arange(blocks), 12)
+    for _ in range(tried):
+        size = np.repeat(np.exp(0.7 * draw.normal(size=(2, blocks))), 12, axis=1)
+        rows = size * draw.chisquare(1.0, size.shape)
+        before, after = (measure.Errors(row[:, None], names) for row in rows)
+        proven += measure.interval(before, after, None)[0] > 0.0
+    assert proven < 0.05 * tried
+
+
+def test_a_gain_that_is_there_is_proven():
+    draw, names = np.random.default_rng(0), np.repeat(np.arange(10), 12)
+    before = measure.Errors(draw.chisquare(1.0, (120, 2)), names)
+    after = measure.Errors(0.25 * draw.chisquare(1.0, (120, 2)), names)
+    low, high = measure.interval(before, after, None)
+    assert 0.3 < low < 0.5 < high < 0.65
+    assert measure.interval(before, before, 1) == (0.0, 0.0)
+
+
 MODEL = """
 <mujoco><option timestep="0.002"/><worldbody><body><joint name="a" axis="0 1 0"
   armature="0.01" damping="0.4"/><geom size="0.05" pos="0 0 -0.15" mass="0.5"/></body>

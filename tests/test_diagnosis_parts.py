@@ -98,6 +98,14 @@ def test_a_joint_at_rest_has_the_rounding_error_of_its_encoder():
     assert noise.noise_of([resting])[0] == 1e-5  # nothing tells its encoder
 
 
+def test_a_joint_that_never_moves_by_a_step_has_the_noise_of_one_that_does():
+    time, step = 0.01 * np.arange(400), 0.002
+    swung = step * np.round(0.3 * np.sin(2.0 * time) / step)
+    angle = np.stack([swung, 0.0 * time, 0.5 * swung], -1)
+    found = noise.of_joints([JointRun(0, time, angle, angle)])
+    assert found[1] == pytest.approx(found[[0, 2]].min())
+
+
 @pytest.mark.parametrize(("neighbours", "expected"), [(2, 7e-4), (0, None)])
 def test_a_joint_that_hunts_has_the_noise_of_those_that_do_not(neighbours, expected):
     rng, time = np.random.default_rng(0), 0.01 * np.arange(1000)

@@ -28,7 +28,7 @@ def errors(*rms):
 
 
 def judged(verdict, before, after, ahead=None, drawn=None):
-    return borne_out(verdict, Seen((before, after), lambda: ahead, drawn or {}), 0)
+    return borne_out(verdict, Seen((before, after), lambda: ahead, drawn or {}))
 
 
 @pytest.mark.parametrize("after, expected", [

@@ -8,7 +8,7 @@ import pytest
 
 from gatjax.diagnosis import exchange, experiment, verdict, weighing
 from gatjax.diagnosis.aliases import again
-from gatjax.diagnosis.claims import Claim
+from gatjax.diagnosis.claims import PLACE, PRICE, Claim
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, Hypothesis
 from gatjax.diagnosis.judge import Judge
@@ -135,7 +135,7 @@ def test_what_ties_is_told_where_nothing_was(gain, where, told):
     assert weighing.worth_telling(judge, best, claims, causes) is told
 
 
-@pytest.mark.parametrize(("there", "told"), [(1.0, True), (100.5, False)])
+@pytest.mark.parametrize(("there", "told"), [(1.0, True), (104.0, False)])
 def test_what_explains_other_joints_is_no_rival(there, told):
     """A cause of all joints takes nothing from one's own that it does not explain."""
     best, every = claim("gain"), dict.fromkeys(range(4), FIT)
@@ -146,6 +146,17 @@ def test_what_explains_other_joints_is_no_rival(there, told):
     judge.score = lambda index, fit: there if index == 0 else 200.0
     assert weighing.worth_telling(judge, best, [wide, best], causes) is told
     assert (weighing.weighed(judge, best, [wide, best]).probability > 0.9) is told
+
+
+def test_a_rival_at_more_joints_pays_for_its_value_and_place():
+    """As the cause has that it is compared with."""
+    best, every = claim("gain"), dict.fromkeys(range(3), FIT)
+    wide = claim("tilt", 500.0)._replace(where=(0, 1, 2), fits=every, own=np.zeros(2))
+    judge = Told({})
+    judge.joints = [None] * 4
+    judge.score = lambda index, fit: 103.0
+    rivals = weighing.weighed(judge, best, [wide, best]).rivals
+    assert rivals[0][0].gain == pytest.approx(103.0 - 2.0 * PRICE - PLACE)
 
 
 def test_other_places_of_a_cause_are_no_rivals_to_telling_it():
@@ -259,7 +270,7 @@ def test_a_further_value_of_a_cause_takes_no_other_causes_place(named, monkeypat
     every = [at("lag", 0), at("lag", 1), at("lag", 2), at("gain", 3), at("rub", 4)]
     judge = Told({}, [*every, at("sag", 5)])
     judge.most, judge.joints, judge.fork = 3, [None] * 6, lambda: judge
-    judge.confirmed, judge.current = lambda claim: True, lambda claim: claim
+    judge.apart, judge.current = False, lambda claim: claim
     monkeypatch.setattr(verdict, "_everywhere", lambda judge: [])
     monkeypatch.setattr(verdict, "exchanged", lambda judge, causes, _: (judge, causes))
     monkeypatch.setattr(verdict, "instead", lambda judge, causes, _: (judge, causes))

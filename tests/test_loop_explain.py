@@ -21,8 +21,10 @@ from gatjax.loop.ground import helpful
 from gatjax.loop.setting import DIAGNOSIS_UNIT, Setting
 from gatjax.robot.model import HUNG
 from gatjax.settings import LoopSettings, SearchSettings
+from gatjax.sim.contact import Law, law_of
 from gatjax.sim.stored import read_world, write_world
-from gatjax.sim.world import add_cause, nominal
+from gatjax.sim.walker import lasting
+from gatjax.sim.world import add_cause, nominal, with_contact
 from gatjax.task import Task
 
 DELAY = 0.03  # s, what the robot has and the simulator lacks
@@ -78,14 +80,17 @@ class Walker:
 class Diagnosis:
     """A diagnosis that says what it was told to, and keeps what it was given."""
 
-    def __init__(self, promoted=True, **causes):
+    def __init__(self, promoted=True, law=None, **causes):
         self.causes, self.promoted, self.given = causes, promoted, []
+        self.law = law
 
     def __call__(self, start, files, out, seed, tell):
         self.given.append((start, files.fit, files.held))
         tell("causes", 0.5)
         out.mkdir()
         world = start.world(Task().control_period, 0.0005)
+        if self.law is not None:
+            world = with_contact(world, self.law)
         for name, value in self.causes.items():
             world = add_cause(world, name, ["all"], value)
         write_world(out / "world.json", world, {}, None)
@@ -273,6 +278,20 @@ def test_what_stands_against_a_diagnosis_is_told_and_kept(
     assert explain.explained(setting) == []  # it is told again, with what helps
     assert len(told) == 1 and told[0].startswith(f"no GAT after diagnosis: {reason}")
     assert told[0].endswith(f"(to try again, delete {folder / 'diagnosis'})")
+
+
+@pytest.mark.parametrize("causes", [{}, {"gain_error": 0.9}])
+def test_the_floor_that_a_diagnosis_found_is_walked_on(
+    causes, run, robot, tmp_path, monkeypatch
+):
+    law = Law("elliptic", 2.0)
+    folder = opened(tmp_path, monkeypatch, Diagnosis(law=law, **causes))
+    shutil.copytree(run[0] / "recordings", folder / "recordings", dirs_exist_ok=True)
+    monkeypatch.setattr(explain, "bounded", lambda world, walks, seed: world)
+    monkeypatch.setattr(explain, "_stand", lambda setting, world, text: None)
+    (entry,) = explain.explained(setting_of(folder, robot))
+    assert law_of(entry.world.model) == law
+    assert [row["cause"] for row in lasting(entry.world)][: len(causes)] == [*causes]
 
 
 class InTurn:

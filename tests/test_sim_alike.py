@@ -11,8 +11,15 @@ from gatjax.robot.nao import WALKING_JOINTS
 from gatjax.sim import mjx
 from gatjax.sim.alike import alike
 from gatjax.sim.backend import prepare
+from gatjax.sim.contact import Law
 from gatjax.sim.lighter import lighter
-from gatjax.sim.world import add_causes, add_command, nominal, stacked
+from gatjax.sim.world import (
+    add_causes,
+    add_command,
+    nominal,
+    stacked,
+    with_contact,
+)
 from gatjax.task import Task
 from gatjax.walk.parameters import THETA0
 
@@ -115,6 +122,7 @@ def test_worlds_that_differ_in_more_than_causes_are_left_alone():
     assert alike([one, nominal(Task(settle=0.2))]) is None
     assert alike([one, nominal(TASK, "nao_hung")]) is None
     assert alike([one, nominal(TASK, timestep=0.002)]) is None
+    assert alike([one, with_contact(nominal(TASK), Law("elliptic", 10.0))]) is None
     assert alike([one, *worlds_of("nothing")]) is None
     learned = worlds_of("nothing")[0]
     two = {"weak": np.zeros(2)}  # params of another shape

@@ -11,6 +11,7 @@ from gatjax.records import JOINTS
 from gatjax.robot.model import Held, joint_names, load, slots
 from gatjax.robot.nao import WALKING, WALKING_JOINTS
 from gatjax.sim import episode
+from gatjax.sim.contact import Law, law_of
 from gatjax.sim.lighter import HELD, WEIGHING, lighter
 from gatjax.sim.native import Native
 from gatjax.sim.world import (
@@ -19,6 +20,7 @@ from gatjax.sim.world import (
     add_command,
     fields_applied,
     nominal,
+    with_contact,
 )
 from gatjax.task import Task, begin, pose, task_at
 from gatjax.walk.parameters import HIGH, LOW, STEP, THETA0
@@ -107,6 +109,22 @@ def test_steps_are_longer_where_nothing_acts_once_a_step(world, step):
 def test_the_solver_iterates_less_where_nothing_acts_once_a_step(world, iterations):
     assert world.model.opt.iterations == 4
     assert lighter(world).model.opt.iterations == iterations
+
+
+def test_the_floor_stays_as_sticky():
+    law = Law("elliptic", 10.0)
+    light = lighter(with_contact(nominal(), law))
+    assert light.contact == law_of(light.model) == law
+
+
+def test_a_supply_without_a_total_sags_as_much():
+    """Servos of joints that are held have a share in what the supply can give."""
+    full = add_cause(nominal(), "supply_sag", ["all"], {"max_drop": 0.3})
+    rated = 0.5 * full.values.servo.high.sum()
+    (row,) = lighter(full).causes
+    assert row["values"]["total"] == pytest.approx(float(rated))
+    told = add_cause(nominal(), "supply_sag", ["all"], {"max_drop": 0.3, "total": 9.0})
+    assert lighter(told).causes[0]["values"]["total"] == 9.0
 
 
 def walked(world, policies, keys):

@@ -142,7 +142,10 @@ def line(method: str, found: Sequence[Found], seed: int = 0) -> Line:
 
 
 def mean(samples: Sequence[float], seed: int = 0) -> Interval:
-    """Mean over trials with a 95 % percentile bootstrap; NaN of no trials."""
+    """Mean over trials with a 95 % percentile bootstrap; NaN of no trials.
+
+    Of ten normal samples it covers the mean in 90 % instead of 95, of three in 75.
+    """
     if not samples:
         return Interval(float("nan"), -np.inf, np.inf)
     values = np.asarray(samples, float)

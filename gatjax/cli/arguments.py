@@ -100,7 +100,8 @@ class Diagnose:
     """
 
     model: Path | None = None
-    """Robot file (MJCF) to diagnose: its base fixed, or standing on its floor."""
+    """Robot file (MJCF) to diagnose: its base fixed, or standing on its floor; or nao,
+    nao_hung, which ship."""
     world: Path | None = None
     """world.json of an earlier diagnosis, instead of --model: what it knows of the
     robot is taken for known, and only what is wrong besides is named."""
@@ -256,7 +257,7 @@ class View:
     """Show one walk: an html animation, a video, or a live window."""
 
     out: Path = Path("walk.html")
-    """html file to write; .mp4 for a video (pip install 'gatjax[video]')."""
+    """html file to write; .mp4 for a video, which needs imageio-ffmpeg (README)."""
     policy: Path | None = None
     """Policy JSON file; theta0 if left out."""
     robot: str = "simulator"

@@ -26,7 +26,10 @@ def film(path: Path, model: mujoco.MjModel, qpos: np.ndarray, period: float) -> 
     try:
         ffmpeg: Any = importlib.import_module("imageio_ffmpeg")
     except ImportError as error:
-        raise ImportError("mp4 needs: pip install 'gatjax[video]'; or .html") from error
+        raise ImportError(
+            "mp4 needs, in gatjax's folder: .venv/bin/pip install -c constraints.txt "
+            "-e '.[video]'; or take .html"
+        ) from error
     warnings.simplefilter("ignore")  # GLFW without a display, ffmpeg's fork
     try:
         renderer = mujoco.Renderer(model, height=SIZE[1], width=SIZE[0])

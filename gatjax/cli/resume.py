@@ -14,7 +14,7 @@ from gatjax import checkpoints, loop, runs
 from gatjax.cli.arguments import Run, Search
 from gatjax.robot.model import SHIPPED
 from gatjax.settings import LoopSettings, SearchSettings
-from gatjax.sim.stored import world_file
+from gatjax.sim.stored import model_files, world_file
 from gatjax.walk.parameters import PARAMETERS
 
 SEARCH = "gatjax.search/1"
@@ -116,8 +116,9 @@ def world_digest(path: Path) -> str:
     """Sixteen characters that change with a world: its file, model and grounding."""
     path = world_file(path)
     text = json.loads(path.read_text(encoding="utf-8"))
-    own = [] if text["model"] in SHIPPED else [path.parent / text["model"]]
-    files = [path, *own]
+    files = [path]
+    if text["model"] not in SHIPPED:
+        files += model_files(path.parent / text["model"])[1].values()
     if text.get("grounding"):
         files += [path.parent / text["grounding"] / name for name in GROUNDING]
     digest = hashlib.sha256()

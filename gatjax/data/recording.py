@@ -350,7 +350,7 @@ def check_once(path: Path, names: Sequence[str]) -> None:
 def _neighbours(folder: Path) -> str:
     """The recordings that do exist in a folder, for a message."""
     names = sorted(p.name for p in folder.glob("*") if p.suffix in (".parquet", ".csv"))
-    return f"; {folder} has {', '.join(names)}" if names else ""
+    return f"; there are: {', '.join(names)}" if names else ""
 
 
 def _numbers(column: pa.ChunkedArray, name: str, file: str) -> np.ndarray:

@@ -163,8 +163,9 @@ def _grids(
         pairs = zip(runs, values, strict=True)
         return [motions.cells(run.time - run.time[0], v, time) for run, v in pairs]
 
+    before = (time < -0.5 * STEP)[:, None]
     targets = [
-        np.concatenate([run.angle[:1], told[1:]]) if run.within else told
+        np.where(before, run.angle[0], told) if run.within else told
         for run, told in zip(runs, held([run.command for run in runs]), strict=True)
     ]
     shares = held([run.stiff for run in runs])

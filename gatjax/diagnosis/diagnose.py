@@ -131,7 +131,7 @@ def _borne_out(
         cache(lambda: half_second(made["nominal"], made["extended"], data.unseen)),
         drawn_errors(verdict.judge, data.unseen),
     )
-    return borne_out(verdict, seen, data.seed)
+    return borne_out(verdict, seen)
 
 
 def _told(

@@ -15,7 +15,7 @@ from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis.case import Held, unfitted
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, TOLERANCES, numbers
-from gatjax.diagnosis.joint import BOUNCING, Joint
+from gatjax.diagnosis.joint import BOUNCING, NOTHING, Joint
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.measure import APART, BLOCK, Errors
 
@@ -45,7 +45,9 @@ def drawn_errors(
     if not (wanted and isinstance(base, Held)):
         return {}
     runs = list(unseen)
-    other = unfitted(base._replace(runs=runs), runs)
+    known = base.assumed or [NOTHING] * len(case.joints)
+    assumed = [each._replace(supply=each.supply or case.supply) for each in known]
+    other = unfitted(base._replace(runs=runs, assumed=assumed), runs)
 
     def errors(index: int, joint: Joint, fit: Fit) -> Errors:
         return _errors(joint.drawn(wanted[index]), judge.joints[index], fit)

@@ -247,7 +247,9 @@ def with_commands(
 ) -> Joint:
     """The joint as it moves when some of its commands are lost."""
     given = [held(c, mask) for c, mask in zip(commands, lost, strict=True)]
-    return joint._replace(grid=joint.grid._replace(target=_on_grid(joint, given)))
+    target = _on_grid(joint, given)
+    target[: joint.lead] = joint.grid.target[: joint.lead]
+    return joint._replace(grid=joint.grid._replace(target=target))
 
 
 def _on_grid(joint: Joint, values: list[np.ndarray]) -> np.ndarray:

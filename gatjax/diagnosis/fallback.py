@@ -112,7 +112,7 @@ def offer(
     alpha = grounding.facts["alpha"]
     row: dict[str, Any] = {"method": "gat", "alpha": alpha, "world": None}
     if alpha > 0.0 and unseen:
-        row |= _gain(world, grounding, unseen, seed)
+        row |= _gain(world, grounding, unseen)
     if alpha > 0.0 and row.get("promoted", True):
         write_grounding(out / FOLDER, grounding)
         made_by = {"verb": "diagnose", "seed": seed}
@@ -121,9 +121,7 @@ def offer(
     return row
 
 
-def _gain(
-    world: World, grounding: Grounding, unseen: list[JointRun], seed: int
-) -> dict[str, Any]:
+def _gain(world: World, grounding: Grounding, unseen: list[JointRun]) -> dict[str, Any]:
     """Errors on held-out logs without and with a correction, as in `gain`."""
     errors = measure.log_errors(
         unseen,
@@ -132,6 +130,6 @@ def _gain(
             "after": measure.whole_log(grounded(world, grounding), unseen),
         },
     )
-    low, high = measure.interval(errors["before"], errors["after"], None, seed)
+    low, high = measure.interval(errors["before"], errors["after"], None)
     sizes = {key: float(np.sqrt(e.squared.mean())) for key, e in errors.items()}
     return sizes | {"low": low, "high": high, "promoted": bool(low > 0.0)}

@@ -85,7 +85,7 @@ def explained(judge: Judge, claim: Claim) -> float:
         joint = judge.joints[index]
         before += (judge.known[index].rms() / joint.noise) ** 2 - EXPECTED
         after += (fit.rms() / joint.noise) ** 2 - EXPECTED
-    spent = sum(float(judge.known[k].x @ judge.known[k].x) for k in claim.fits)
+    spent = sum(judge.known[k].spent for k in claim.fits)
     calm = before < len(claim.fits) * EXPECTED and spent > len(claim.fits) * SPENT
     return 1.0 if calm else 1.0 - max(after, 0.0) / max(before, 1e-9)
 

@@ -57,9 +57,9 @@ def gained(
     compared = len(whole["before"].block) / rows
     if compared == 0.0:
         return None  # a robot fell at once
-    horizons = _rows(None, whole, names, seed)
+    horizons = _rows(None, whole, names)
     if not floats(worlds["nominal"].model):
-        horizons += _ahead(worlds, unseen, forward, names, seed)
+        horizons += _ahead(worlds, unseen, forward, names)
     first = horizons[0]
     learnable = first["before"] - first["learned"]
     without = None
@@ -110,7 +110,7 @@ def half_second(
 
 def _ahead(
     worlds: dict[str, World], unseen: list[JointRun], forward: Network,
-    joints: list[str], seed: int,
+    joints: list[str],
 ) -> list[dict[str, Any]]:  # fmt: skip
     """Rows of the short horizons, which start from measured states."""
     period = worlds["nominal"].task.control_period
@@ -128,17 +128,17 @@ def _ahead(
             name: ahead.window_errors(cut, angles, horizon, period)
             for name, angles in played.items()
         }
-        rows += _rows(horizon or period, errors, joints, seed)
+        rows += _rows(horizon or period, errors, joints)
     return rows
 
 
 def _rows(
-    horizon: float | None, errors: dict[str, Errors], joints: list[str], seed: int
+    horizon: float | None, errors: dict[str, Errors], joints: list[str]
 ) -> list[dict[str, Any]]:
     """Rows of one horizon: all joints together, then each."""
     rows = []
     for index, name in [(None, "all"), *enumerate(joints)]:
-        low, high = measure.interval(errors["before"], errors["after"], index, seed)
+        low, high = measure.interval(errors["before"], errors["after"], index)
         pick = slice(None) if index is None else index
         values = {
             key: float(np.sqrt(error.squared[:, pick].mean()))

@@ -41,6 +41,7 @@ class Judge(Accepting):
     """Finds the claims that explain a case best, given what is explained already."""
 
     most = 3  # causes of a case
+    apart = True  # each joint shows what is wrong with it, whatever the others do
     worth = WORTH  # nats that a first one needs
 
     def visibility(self, claim: Claim) -> float:
@@ -66,10 +67,6 @@ class Judge(Accepting):
             change = np.sqrt(np.mean(np.square(alone.residual - plain[0].residual)))
             largest = max(largest, float(change / scatter))
         return largest
-
-    def confirmed(self, claim: Claim) -> bool:
-        """Whether more than the fits of its joints bears a claim out."""
-        return False
 
     def tolerates(self, index: int) -> bool:
         """Whether a joint may leave more than its own tolerances explain."""

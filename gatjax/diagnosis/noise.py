@@ -16,6 +16,7 @@ APART = 4  # rows: third differences of white noise are uncorrelated from here o
 PERIOD = 0.25  # s, of the slowest oscillation that is looked for
 BLOCK = 20  # rows that are calm or not
 CALM = 0.7  # share of them that is taken for calm
+LEAST = 1e-5  # rad
 
 
 def of_joints(runs: list[JointRun]) -> np.ndarray:
@@ -37,7 +38,8 @@ def noise_of(runs: list[JointRun]) -> np.ndarray:
 
     Third differences of the calmest third of a run; a coarse encoder counts with its
     rounding error, LSB / sqrt(12), also in a run in which the joint stands still. Of
-    few rows a second third differences tell the motion, too: sixth ones less of it.
+    few rows a second third differences tell the motion, too: sixth ones less of it. A
+    joint whose reading never changes has the least noise of those that do.
     """
     levels = []
     for run in runs:
@@ -46,7 +48,10 @@ def noise_of(runs: list[JointRun]) -> np.ndarray:
             sixth = _level(run, 6, SIXTH)
             level = np.where(sixth < LEAKS * level, sixth, level)
         levels.append(level)
-    return np.mean(np.maximum(levels, np.maximum(_rounding(runs), 1e-5)), axis=0)
+    rounding = _rounding(runs)
+    found = np.mean(np.maximum(levels, np.maximum(rounding, LEAST)), axis=0)
+    least = found[rounding > 0.0].min(initial=np.inf)
+    return np.where((rounding > 0.0) | np.isinf(least), found, least)
 
 
 def _level(run: JointRun, order: int, spread: float) -> np.ndarray:

@@ -54,7 +54,10 @@ def check_model(model: mujoco.MjModel, path: Path) -> None:
             f"takes straight lines: give polycoef two numbers, offset and ratio"
         )
     if model.nu == 0:
-        raise ValueError(f"{path}: no actuators; give every driven joint one")
+        raise ValueError(
+            f"{path}: no actuators; give every driven joint one (a URDF has none: save "
+            f"it as MJCF and add <position joint=... kp=...>)"
+        )
     robot_model.joint_names(model)
     _check_drives(model, path)
     angles = model.actuator_biasprm[:, 1] != 0.0

@@ -47,7 +47,7 @@ class Seen(NamedTuple):
         return first, second
 
 
-def borne_out(verdict: Verdict, seen: Seen, seed: int) -> Verdict:
+def borne_out(verdict: Verdict, seen: Seen) -> Verdict:
     """The verdict with a doubt about causes that do not predict the held-out logs.
 
     Joints of causes that do predict them are explained.
@@ -55,7 +55,6 @@ def borne_out(verdict: Verdict, seen: Seen, seed: int) -> Verdict:
     Args:
         verdict: of the fit logs, of a robot held in the air.
         seen: errors on the held-out logs.
-        seed: of the bootstrap.
     """
     causes, unexplained = [], set(verdict.unexplained)
     for cause in verdict.causes:
@@ -65,7 +64,7 @@ def borne_out(verdict: Verdict, seen: Seen, seed: int) -> Verdict:
             causes.append(cause._replace(borne_out=right or None))
             continue
         joints = set(cause.claim.fits)
-        refuted = not any(_gains(seen, k, seed) for k in joints)
+        refuted = not any(_gains(seen, k) for k in joints)
         low = min(cause.probability, REFUTED if refuted else UNSURE)
         causes.append(cause._replace(probability=low, borne_out=False))
         unexplained |= joints if refuted else set()
@@ -84,12 +83,12 @@ def _predicted(seen: Seen, joint: int) -> bool:
     return extended < LEAVES * nominal
 
 
-def _gains(seen: Seen, joint: int, seed: int) -> bool:
+def _gains(seen: Seen, joint: int) -> bool:
     """Whether a gain is proven at a joint."""
-    if measure.interval(*seen.of(joint), None, seed)[0] > 0.0:
+    if measure.interval(*seen.of(joint), None)[0] > 0.0:
         return True
     ahead = None if joint in seen.drawn else seen.ahead()
-    return ahead is not None and measure.interval(*ahead, joint, seed)[0] > 0.0
+    return ahead is not None and measure.interval(*ahead, joint)[0] > 0.0
 
 
 def _left(

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gatjax.diagnosis.aliases import again, alias
-from gatjax.diagnosis.claims import Claim
+from gatjax.diagnosis.claims import PLACE, Claim, occam
 from gatjax.diagnosis.judge import Judge
 
 LIKELY = 0.5  # probability that a cause needs to be told at all; the first may tie
@@ -92,6 +92,8 @@ def _rivals(judge: Judge, best: Claim, claims: list[Claim]) -> list[Claim]:
         if other or len(shared) == len(claim.fits):
             return claim
         gain = sum(judge.score(k, claim.fits[k]) for k in shared)
+        gain -= occam(claim.hypothesis, claim.own, claim.covariance)
+        gain -= PLACE * len(shared)
         return claim._replace(gain=min(gain, claim.gain))
 
     return sorted(map(there, found), key=lambda claim: -claim.gain)

@@ -68,8 +68,10 @@ def next_angle(forward: Network, angle: Array, action: Array) -> Array:
 
 def next_angle_of(forward: Network, data: Transitions) -> Array:
     """Predict x_t+1 [S, K] rad of recorded transitions."""
-    model = jax.jit(jax.vmap(next_angle, in_axes=(None, 0, 0)))
-    return np.asarray(model(forward, data.angle, data.action))
+    return np.asarray(_next_angles(forward, data.angle, data.action))
+
+
+_next_angles = jax.jit(jax.vmap(next_angle, in_axes=(None, 0, 0)))
 
 
 def split(data: Transitions, share: float, seed: int) -> Array:

@@ -74,7 +74,7 @@ def check_needs(method: str) -> None:
     if needed is not None and importlib.util.find_spec(needed) is None:
         raise ValueError(
             f"method {method} learns by reinforcement and needs {needed}; "
-            f"pip install 'gatjax[rl]'"
+            f"in gatjax's folder: .venv/bin/pip install -c constraints.txt -e '.[rl]'"
         )
 
 

@@ -62,7 +62,10 @@ def raw(network: Network, inputs: Array) -> Array:
 
 def raw_many(network: Network, inputs: Array) -> np.ndarray:
     """Outputs [S, O] for inputs [S, I]."""
-    return np.asarray(jax.jit(jax.vmap(raw, in_axes=(None, 0)))(network, inputs))
+    return np.asarray(_raw_many(network, inputs))
+
+
+_raw_many = jax.jit(jax.vmap(raw, in_axes=(None, 0)))
 
 
 def predict(network: Network, inputs: Array) -> Array:

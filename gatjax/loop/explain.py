@@ -23,7 +23,7 @@ from gatjax.runs import Progress, write_whole
 from gatjax.sim.backend import prepare
 from gatjax.sim.stored import read_world, write_world
 from gatjax.sim.walker import lasting
-from gatjax.sim.world import World, add_rows
+from gatjax.sim.world import World, add_rows, with_contact
 from gatjax.walk.parameters import THETA0
 from gatjax.workers import Workers
 
@@ -161,8 +161,8 @@ def extended(setting: Setting, walks: Recording) -> World:
     """
     folder = setting.folder / "diagnosis"
     found, _ = read_world(folder / "world.json", setting.task)
-    rows = lasting(found)
-    if not rows:
+    rows, law = lasting(found), found.contact
+    if not rows and law is None:
         raise ValueError(
             "the diagnosis changes nothing: GAT after it would be GAT alone"
         )
@@ -177,7 +177,8 @@ def extended(setting: Setting, walks: Recording) -> World:
             f"what the diagnosis found does not surely predict the held-out motion "
             f"better (error {gain['before']:.3g} to {gain['after']:.3g} rad)"
         )
-    world = add_rows(setting.world, rows)
+    floor = setting.world if law is None else with_contact(setting.world, law)
+    world = add_rows(floor, rows)
     _stand(setting, world, "that the diagnosis extended")
     setting.progress.stage("find the torques that the robot's walks bear out")
     world = bounded(world, walks, setting.settings.seed)

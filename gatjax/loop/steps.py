@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -16,8 +15,10 @@ from gatjax.ranking import Evaluate
 from gatjax.robot.model import model_file
 from gatjax.settings import LoopSettings
 from gatjax.sim.backend import costs, prepare
+from gatjax.sim.contact import law_of
 from gatjax.sim.lighter import lighter
 from gatjax.sim.spread import everywhere
+from gatjax.sim.stored import model_digest
 from gatjax.sim.world import World, stacked
 
 Share = Callable[[Evaluate], Evaluate]
@@ -40,12 +41,13 @@ def searched(settings: LoopSettings, world: World) -> World:
 
 def physics(world: World) -> dict[str, Any]:
     """What is simulated, beside a world's file: searches go on with the same alone."""
-    model, text = world.model, model_file(world.source).read_bytes()
+    model, (cone, ratio) = world.model, law_of(world.model)
     return {
         "timestep_s": float(model.opt.timestep),
         "solver_iterations": int(model.opt.iterations),
         "degrees_of_freedom": int(model.nv),
-        "model": hashlib.sha256(text).hexdigest()[:16],
+        "contact": f"{cone}, {ratio:g}",
+        "model": model_digest(model_file(world.source))[:16],
     }
 
 

@@ -19,6 +19,7 @@ from gatjax.effects.catalogue import cause
 from gatjax.robot.model import joint_names
 from gatjax.sim import derived
 from gatjax.sim.causes import GEAR, completed
+from gatjax.sim.contact import law_of
 from gatjax.sim.world import Values, World, add_command, add_rows, add_sensor
 
 Row = dict[str, Any]
@@ -61,7 +62,8 @@ def _size(world: World) -> tuple:
     """What worlds must have in common."""
     return (
         world.source, world.task, world.model.nv, world.model.ngeom,
-        world.model.opt.timestep, world.learned, world.learned_sensors,
+        world.model.opt.timestep, law_of(world.model), world.learned,
+        world.learned_sensors,
     )  # fmt: skip
 
 

@@ -26,6 +26,7 @@ from gatjax.sim.world import (
     dividing,
     fields_applied,
     nominal,
+    with_contact,
 )
 from gatjax.task import pose
 from gatjax.walk.parameters import THETA0
@@ -52,13 +53,18 @@ def lighter(world: World) -> World:
     angles = {joint: float(stand[JOINTS.index(joint)]) for joint in HELD}
     held = Held(angles, fields_applied(world))
     light = nominal(world.task, world.source, _timestep(world), held)
+    if world.contact is not None:
+        light = with_contact(light, world.contact)
     if _plain(world):
         light.model.opt.iterations = ITERATIONS
     for row in world.causes:
         where = [place for place in row["where"] if place not in HELD]
         if where and row["cause"] not in WEIGHING:
-            role = row.get("role", "cause")
-            light = add_cause(light, row["cause"], where, row["values"], role)
+            role, values = row.get("role", "cause"), row["values"]
+            if row["cause"] == "supply_sag":  # the held servos' limits count, too
+                rated = 0.5 * float(world.values.servo.high.sum())
+                values = {"total": rated, **values}
+            light = add_cause(light, row["cause"], where, values, role)
     for name in world.learned:
         effect = _among_all(world.command[name], joints_of(light.model), stand)
         light = add_command(light, name, effect, world.values.command[name])

@@ -66,7 +66,10 @@ def check_machine(impl: str) -> None:
 def lacking_for_warp() -> str | None:
     """What this machine lacks to run MJX-Warp, in a line; None if nothing."""
     if importlib.util.find_spec("warp") is None:
-        return "impl 'warp' needs warp-lang; pip install 'gatjax[warp]'"
+        return (
+            "impl 'warp' needs warp-lang; in gatjax's folder: .venv/bin/pip install "
+            "-c constraints.txt -e '.[warp]'"
+        )
     if _printed.getvalue():
         return f"impl 'warp' is broken: {_printed.getvalue().splitlines()[0]}"
     if "NVIDIA" not in jax.devices()[0].device_kind:

@@ -57,10 +57,7 @@ def carried(world: World, folder: Path) -> World:
     if source.resolve().is_relative_to(folder.resolve()):
         return world
     name, files = model_files(source)
-    digest = hashlib.sha256()
-    for file in files.values():
-        digest.update(file.read_bytes())
-    place = folder / f"model_{digest.hexdigest()[:8]}"
+    place = folder / f"model_{model_digest(source)[:8]}"
     for part, file in files.items():
         (place / part).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(file, place / part)
@@ -88,6 +85,14 @@ def model_files(source: Path) -> tuple[str, dict[str, Path]]:
     base = os.path.commonpath([os.path.dirname(file) for file in files])
     near = {Path(os.path.relpath(file, base)).as_posix(): Path(file) for file in files}
     return source.relative_to(base).as_posix(), near
+
+
+def model_digest(source: Path) -> str:
+    """SHA-256 of a model file and all that it includes."""
+    digest = hashlib.sha256()
+    for file in model_files(source)[1].values():
+        digest.update(file.read_bytes())
+    return digest.hexdigest()
 
 
 def read_world(path: Path, task: Task = Task()) -> tuple[World, Path | None]:

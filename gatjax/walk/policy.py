@@ -60,8 +60,8 @@ def read_policy(path: str | Path) -> np.ndarray:
     path = Path(path)
     if not path.is_file():
         names = sorted(other.name for other in path.parent.glob("*.json"))
-        there = ", ".join(names) if names else "no policies"
-        raise FileNotFoundError(f"{path}: no such policy; {path.parent} has {there}")
+        there = f"there are: {', '.join(names)}" if names else "no .json file is there"
+        raise FileNotFoundError(f"{path}: no such policy; {there}")
     policy = read_json(path)
     for key, ours in POLICY.items():
         if policy.get(key) != ours:

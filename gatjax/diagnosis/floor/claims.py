@@ -7,31 +7,29 @@ from typing import NamedTuple
 
 import numpy as np
 
-from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis.claims import PLACE, PRICE
-from gatjax.diagnosis.floor import carried, causes, contact, estimate, played
+from gatjax.diagnosis.floor import carried, estimate
 from gatjax.diagnosis.floor.carried import Load
 from gatjax.diagnosis.floor.causes import Suspect, of_contacts
 from gatjax.diagnosis.floor.observed import (
-    Observed,
     Weighed,
     gained,
-    observe,
     vector,
     weighed,
-    widened,
 )
-from gatjax.diagnosis.floor.played import Rows
-from gatjax.diagnosis.floor.standing import Standing
-from gatjax.effects.sensor import turned
-from gatjax.sim.world import World
+from gatjax.diagnosis.floor.scene import (
+    Scene,
+    askew,
+    predicted,
+    replayed,
+    slopes_of,
+    visibility,
+)
 
 ROUNDS = 3  # of simulating again at the best value
 PROMISING = 3.0  # nats: else a value is not looked into again
 LINKS, STEERED = 8, 4  # that are simulated at once; whose payloads are looked into
 STEP = 0.002  # rad, of finite differences
-TOLERATED = {"sole_geometry": (0, 0.19), "ground_compliance": (1, 0.29)}
-"""Node, and share of its change, that is a tolerance: 0.15 mm; a fifth of the time."""
 INERTIAL = ("gyro", "accelerometer", "orientation")  # what an inertial unit says
 AXES = ("roll", "pitch", "yaw")
 
@@ -49,18 +47,6 @@ class FloorClaim(NamedTuple):
     visibility: float  # RMS change over the scatter from tolerances
 
 
-class Scene(NamedTuple):
-    """A standing robot as all its claims are weighed."""
-
-    standing: Standing
-    world: World  # nominal
-    rows: list[Rows]  # nominal, of each run
-    suspects: list[Suspect]
-    simulated: list[np.ndarray]  # channels [K, C, B] at the nodes of each suspect
-    seen: Observed
-    known: Weighed  # the nominal robot
-
-
 def claims(scene: Scene, tell: Callable[[str, float], None]) -> list[FloorClaim]:
     """All claims, best first.
 
@@ -76,79 +62,6 @@ def claims(scene: Scene, tell: Callable[[str, float], None]) -> list[FloorClaim]
         found.append(fitted(scene, suspect, scene.simulated[number]))
     found += [claim for claim in _carried(scene) if claim.values["mass"] > 0.0]
     return sorted(found, key=lambda claim: -claim.gain)
-
-
-def scene(standing: Standing, tell: Callable[[str, float], None]) -> Scene:
-    """Simulate all suspects of a robot, and widen its tolerances by small ones.
-
-    Args:
-        standing: the robot.
-        tell: is called with a stage and the share of it that is done.
-    """
-    world = standing.ensembles[0].world
-    rows = [_first(row) for row in standing.ensembles[0].rows]
-    suspects = causes.suspects(standing.model)
-    seen = observe(standing)
-    nominal = vector(standing, seen.names, rows)[0]
-    simulated = []
-    for number, suspect in enumerate(suspects):
-        tell("suspects", number / len(suspects))
-        nodes = [suspect.world(world, x) for x in suspect.nodes]
-        simulated.append(_predicted(standing, seen.names, nodes))
-    columns = _tolerances(suspects, simulated, nominal, standing.allowed.tilt)
-    if (other := contact.nearby(world)) is not None:
-        rows_of = played.replayed(other, standing.runs, [other.values])
-        grip = vector(standing, seen.names, rows_of)[0] - nominal
-        columns = np.concatenate([columns, grip[..., None]], -1)
-    wide = widened(seen, columns)
-    known = weighed(wide, nominal)
-    return Scene(standing, world, rows, suspects, simulated, wide, known)
-
-
-def _tolerances(
-    suspects: list[Suspect], simulated: list[np.ndarray], nominal: np.ndarray,
-    tilt: float,
-) -> np.ndarray:  # fmt: skip
-    """Small changes [C, B, K] of soles, ground and tilt that are no cause.
-
-    The tilt is a tolerance of the ensemble, too; a direction of its own costs less than
-    what a few draws make of it.
-    """
-    columns = []
-    for suspect, channels in zip(suspects, simulated, strict=True):
-        if suspect.cause in TOLERATED:
-            node, share = TOLERATED[suspect.cause]
-            columns.append(share * (channels[node] - nominal))
-        if suspect.cause == "gravity_tilt":
-            columns += list(tilt * _slopes(suspect, channels))
-    return np.stack(columns, -1)
-
-
-def replayed(scene: Scene, world: World, runs: list[JointRun]) -> Weighed:
-    """How well a world of any structure, given the runs' commands, meets the logs."""
-    rows = played.replayed(world, runs, [world.values])
-    return weighed(scene.seen, vector(scene.standing, scene.seen.names, rows)[0])
-
-
-def visibility(scene: Scene, best: Weighed) -> float:
-    """RMS change over the scatter from tolerances and noise; the largest channel's."""
-    change = np.square(scene.known.rest - best.rest).mean(1)
-    scatter = np.square(scene.seen.scatter).sum(-1).mean(1) + scene.seen.noise**2
-    return float(np.sqrt(change / scatter).max())
-
-
-def _first(row: Rows) -> Rows:
-    """The first world's rows alone."""
-    return Rows(row.time, row.command, *(part[:1] for part in row[2:]))
-
-
-def _predicted(
-    standing: Standing, names: tuple[str, ...], worlds: list[World]
-) -> np.ndarray:
-    """Channels [S, C, B] of worlds that differ in the causes' fields."""
-    world = standing.ensembles[0].world
-    rows = played.replayed(world, standing.runs, causes.batch(world, worlds))
-    return vector(standing, names, rows)
 
 
 def _claim(
@@ -172,7 +85,7 @@ def _imu(scene: Scene) -> FloorClaim:
     suspect = Suspect("imu_misalignment", "imu", AXES, np.zeros((0, 3)), {}, 0.0, 1.0)
 
     def predict(x: np.ndarray) -> np.ndarray:
-        rows = [_askew(row, x) for row in scene.rows]
+        rows = [askew(row, x) for row in scene.rows]
         return vector(scene.standing, scene.seen.names, rows)[0]
 
     x, now, covariance = np.zeros(3), scene.known, np.eye(3)
@@ -186,18 +99,9 @@ def _imu(scene: Scene) -> FloorClaim:
     return _claim(scene, suspect, x, now, estimate.length(x, covariance))
 
 
-def _askew(row: Rows, angles: np.ndarray) -> Rows:
-    """Rows of an inertial unit whose axes are turned by roll, pitch, yaw rad."""
-    axes = np.stack([turned(axis, angles) for axis in np.eye(3)])
-    seen = {name: getattr(row, name) for name in ("gyro", "accelerometer", "up")}
-    return row._replace(
-        **{name: rows @ axes.T for name, rows in seen.items() if rows.shape[-1]}
-    )
-
-
 def _leaning(scene: Scene, suspect: Suspect, seen: np.ndarray) -> FloorClaim:
     """The best vector, from simulated pairs."""
-    x, now, covariance = _steered(scene, suspect, _slopes(suspect, seen))
+    x, now, covariance = _steered(scene, suspect, slopes_of(suspect, seen))
     return _claim(scene, suspect, x, now, estimate.length(x, covariance))
 
 
@@ -207,8 +111,10 @@ def _carried(scene: Scene) -> list[FloorClaim]:
     tried, loads = [], carried.loads(scene.standing.model)
     for first in range(0, len(loads), LINKS):
         some = loads[first : first + LINKS]
-        worlds = [load.world(scene.world, x) for load in some for x in load.nodes]
-        seen = _predicted(scene.standing, scene.seen.names, worlds)
+        world = scene.robot.world
+        seen = predicted(
+            scene, [load.world(world, x) for load in some for x in load.nodes]
+        )
         for load, part in zip(some, np.split(seen, len(some)), strict=True):
             slopes = load.slopes(part, nominal)
             still = np.zeros(len(slopes))
@@ -232,19 +138,14 @@ def _steered(
     best = (x, now, covariance)
     for round_ in range(ROUNDS):
         x, covariance = estimate.improved(scene.seen, now, x, slopes)
-        now = replayed(scene, suspect.world(scene.world, x), scene.standing.runs)
+        world = suspect.world(scene.robot.world, x)
+        now = replayed(scene, scene.robot._replace(world=world))
         if round_ and now.evidence <= best[1].evidence:
             break
         best = (x, now, covariance)
         if now.evidence - scene.known.evidence < PROMISING:
             break
     return best
-
-
-def _slopes(suspect: Suspect, seen: np.ndarray) -> np.ndarray:
-    """Channels [P, C, B] per unit of a vector, from simulated pairs [2 P, C, B]."""
-    size = np.abs(suspect.nodes).max()
-    return (seen[0::2] - seen[1::2]) / (2.0 * size)
 
 
 def _along(scene: Scene, suspect: Suspect, seen: np.ndarray) -> FloorClaim:
@@ -259,8 +160,8 @@ def _along(scene: Scene, suspect: Suspect, seen: np.ndarray) -> FloorClaim:
         if found[best].evidence - scene.known.evidence < PROMISING or best in curve:
             break
         if round_ + 1 < ROUNDS:
-            world = suspect.world(scene.world, np.array([best]))
-            curve[best] = _predicted(scene.standing, scene.seen.names, [world])[0]
+            world = suspect.world(scene.robot.world, np.array([best]))
+            curve[best] = predicted(scene, [world])[0]
     span = estimate.inside(found)
     return _claim(scene, suspect, np.array([best]), found[best], span)
 

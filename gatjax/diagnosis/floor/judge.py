@@ -15,21 +15,24 @@ import numpy as np
 
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import extend, search
-from gatjax.diagnosis.bank import CAUSES, OTHERS
+from gatjax.diagnosis.aliases import covered
+from gatjax.diagnosis.bank import CAUSES, OTHERS, of_drive
 from gatjax.diagnosis.case import Case, along, mapped
 from gatjax.diagnosis.claims import LATER, PLACE, PRICE, Claim, Stance
 from gatjax.diagnosis.drops import ODDS, held
 from gatjax.diagnosis.fit import Fit
-from gatjax.diagnosis.floor import carried, channels, claims
-from gatjax.diagnosis.floor.claims import FloorClaim
+from gatjax.diagnosis.floor import carried, channels, claims, scene
+from gatjax.diagnosis.floor.claims import AXES, FloorClaim
 from gatjax.diagnosis.floor.observed import Weighed, gained, weighed_rest
+from gatjax.diagnosis.floor.scene import Robot
 from gatjax.diagnosis.floor.standing import Standing
 from gatjax.diagnosis.hypotheses import Hypothesis, Numbers
 from gatjax.diagnosis.joint import Joint
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.loads import Tree
+from gatjax.diagnosis.start import turn
 from gatjax.effects.catalogue import CATALOGUE
-from gatjax.sim.world import add_causes, fields_applied
+from gatjax.sim.world import World, add_causes, fields_applied
 
 PROPOSED = 1.0  # nats of a joint's own fit: a claim below is not replayed
 MOST = 14  # claims that are replayed
@@ -44,8 +47,9 @@ LOUD = 2.0  # times the scatter within tolerances: a joint that leaves less is e
 class StandingJudge(Judge):
     """Finds what explains joints, inertial unit and feet together best."""
 
-    most = 1
+    most = 2
     worth = LATER
+    apart = False  # two feet on the ground close a chain
 
     def __init__(
         self, case: Case, standing: Standing, tell: Callable[[str, float], None]
@@ -53,12 +57,16 @@ class StandingJudge(Judge):
         """Start from the tolerances of a case whose base is the standing robot."""
         super().__init__(case, tell)
         self.standing = standing
-        self.scene = claims.scene(standing, tell)
+        self.scene = scene.prepare(standing, tell)
         self.nominal = self.scene.known
+        self.bare = self.scene.robot.world
+        self.rows: list[tuple] = []  # of the causes that are known
         self.outcomes: dict[tuple, Weighed] = {}
 
     def claims(self) -> list[Claim]:
         """All claims that the whole robot was simulated with, best first."""
+        if not self.scene.rows:
+            self.scene = scene.resimulated(self.scene, self.tell)
         proposed = [
             claim for claim in super().claims()
             if claim.hypothesis.cause not in ("", carried.Load.cause)
@@ -68,7 +76,17 @@ class StandingJudge(Judge):
         found = sorted(self._each(proposed, self._replayed, 0.0), key=_worst_first)
         found[-REFINED:] = self._each(found[-REFINED:], self._refined, 0.5)
         found += [_claim(one) for one in claims.claims(self.scene, self.tell)]
-        return sorted(found, key=lambda claim: -claim.gain)
+        new = (claim for claim in found if not self._told(claim))
+        return sorted(new, key=lambda claim: -claim.gain)
+
+    def _told(self, claim: Claim) -> bool:
+        """Whether a claim repeats a cause that is known, at joints or of the floor."""
+        places = set(extend.places(self, claim))
+        return any(
+            claim.hypothesis.cause in covered(known.hypothesis, len(self.joints))
+            and places & set(extend.places(self, known))
+            for known in self.accepted
+        )
 
     def _each(
         self, some: list[Claim], change: Callable[[Claim], Claim], share: float
@@ -84,6 +102,7 @@ class StandingJudge(Judge):
         self, index: int, bank: tuple[Hypothesis, ...] = CAUSES + OTHERS
     ) -> list[Fit]:
         """Fits that are good enough to propose a cause."""
+        bank = of_drive(self.joints[index], bank)
         return search.proposals(self.joints[index], self.known[index], bank)
 
     def _replayed(self, claim: Claim) -> Claim:
@@ -144,29 +163,35 @@ class StandingJudge(Judge):
         return self.outcomes[key]
 
     def _simulated(self, claim: Claim) -> Weighed:
-        """How well the robot with the cause, or with commands lost, meets the logs."""
+        """How well the robot with one claim more meets the logs."""
+        return scene.replayed(self.scene, self._robot(claim))
+
+    def _robot(self, claim: Claim) -> Robot:
+        """The robot as far as it is known, and one claim more."""
+        robot = self.scene.robot
         if claim.lost:
-            runs = [self._received(claim.lost, k) for k in range(len(self.case.runs))]
-            return claims.replayed(self.scene, self.scene.world, runs)
-        world = add_causes(self.scene.world, extend.effects(self, claim))
-        return claims.replayed(self.scene, world, self.case.runs)
+            runs = [_received(run, claim.lost, k) for k, run in enumerate(robot.runs)]
+            return robot._replace(runs=runs)
+        if claim.stance is not None and claim.stance.where == "imu":
+            values = claim.stance.values
+            return robot._replace(askew=np.array([values[each] for each in AXES]))
+        return robot._replace(world=self._world(self._effects(claim)))
 
-    def _received(self, lost: dict[int, list[np.ndarray]], number: int) -> JointRun:
-        """A run with the commands that came through."""
-        command = self.case.runs[number].command.copy()
-        for joint, masks in lost.items():
-            command[:, joint] = held(command[:, joint], masks[number])
-        return self.case.runs[number]._replace(command=command)
+    def _effects(self, claim: Claim) -> list[tuple]:
+        """Rows of the world that a claim changes."""
+        unit = claim.stance is not None and claim.stance.where == "imu"
+        return [] if claim.lost or unit else extend.effects(self, claim)
 
-    def confirmed(self, claim: Claim) -> bool:
-        """All claims were."""
-        return True
+    def _world(self, more: list[tuple]) -> World:
+        """A world with more effects than are known, in the order of `start.CHAIN`."""
+        every = sorted([*self.rows, *more], key=lambda row: turn({"cause": row[0]}))
+        return add_causes(self.bare, every)
 
     def visibility(self, claim: Claim) -> float:
         """RMS change over the scatter from tolerances; the largest channel's."""
         if claim.stance is not None:
             return claim.stance.visibility
-        return claims.visibility(self.scene, self._outcome(claim))
+        return scene.visibility(self.scene, self._outcome(claim))
 
     def signals(self) -> list[dict[str, Any]]:
         """Misfits of inertial unit and feet, means over CORRELATED seconds.
@@ -195,17 +220,28 @@ class StandingJudge(Judge):
 
     def accept(self, claim: Claim) -> Claim:
         """Take a claim for known, and weigh the loads of the robot that it makes."""
-        self.scene = self.scene._replace(known=self._outcome(claim))
+        robot, rows = self._robot(claim), self._effects(claim)
+        self.scene = scene.beside(self.scene, robot, self._outcome(claim))
+        self.rows, self.outcomes = [*self.rows, *rows], {}
         if claim.stance is None:
             return super().accept(claim)
         self.accepted.append(claim)
-        row = (claim.hypothesis.cause, [claim.stance.where], claim.stance.values)
-        model = fields_applied(add_causes(self.scene.world, [row]))
+        changed = [row for each in self.accepted if each.stance is not None
+                   for row in self._effects(each)]  # fmt: skip
+        model = fields_applied(add_causes(self.bare, changed))
         tree = Tree(model, model.actuator_trnid[:, 0])
         base = self.standing._replace(tree=tree)
         self.case = along(dataclasses.replace(self.case, base=base), [], [])
         self.joints = list(self.case.joints)
         self.known = mapped(self._again, range(len(self.joints)))
+        return claim
+
+    def evidence(self, without: int | None = None) -> float:
+        """Nats of what is known, of the whole robot: none of its joints moves alone."""
+        return self.scene.known.evidence
+
+    def current(self, claim: Claim) -> Claim:
+        """The claim; the whole robot has settled its size."""
         return claim
 
     def _converged(self, claim: Claim) -> Claim:
@@ -228,6 +264,16 @@ def _claim(found: FloorClaim) -> Claim:
         values=lambda joint, x: found.values,
     )  # fmt: skip
     return Claim(hypothesis, np.zeros(0), (), {}, found.gain, stance=stance)
+
+
+def _received(
+    run: JointRun, lost: dict[int, list[np.ndarray]], number: int
+) -> JointRun:
+    """A run, by its number, with the commands that came through."""
+    command = run.command.copy()
+    for joint, masks in lost.items():
+        command[:, joint] = held(command[:, joint], masks[number])
+    return run._replace(command=command)
 
 
 def _worst_first(claim: Claim) -> float:

@@ -130,7 +130,8 @@ def _check(mix: Mapping[str, float], causes: Sequence[str] | None) -> None:
     unknown = sorted(set(mix) - set(MIX)) + sorted(set(causes or ()) - set(CATALOGUE))
     if unknown:
         raise ValueError(
-            f"{unknown} is unknown; kinds are {list(MIX)}, causes {list(CATALOGUE)}"
+            f"{', '.join(unknown)}: unknown; kinds are {', '.join(MIX)}, causes "
+            f"{', '.join(CATALOGUE)}"
         )
 
 
