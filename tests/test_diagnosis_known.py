@@ -9,7 +9,7 @@ from test_diagnosis_plant import COUNT, LEAD, STEP, joint, wave
 from test_diagnosis_sensitivity import logged
 
 from gatjax.data.trajectories import JointRun
-from gatjax.diagnosis import accepting, known
+from gatjax.diagnosis import accepting, drops, known, lost
 from gatjax.diagnosis import case as cases
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.accepting import ODD, Accepting
@@ -204,3 +204,16 @@ def test_a_joint_is_drawn_where_its_best_cause_leaves_much(cause, left, drawn):
     """
     assert Rough(cause, left)._misses(0, 10.0) == drawn
     assert Rough(cause, left)._misses(0, BOUNCING) == (drawn and cause in GEARS)
+
+
+def test_what_was_lost_costs_what_it_takes_to_write_it_down():
+    """Else a cause of the same joint had to beat a pattern that costs nothing."""
+    judge = Rough("stiction", 1.5)
+    (fit,) = judge.known
+    judge.accepted = []
+    before = judge.evidence()
+    own = Claim(drops.LOST, np.zeros(0), (0,), {0: fit}, 50.0, coded=38.0)
+    judge.accepted = [own]
+    assert before - judge.evidence() == pytest.approx(38.0)
+    other = own._replace(where=(1,), fits={1: fit}, lost={1: []}, coded=4.0)
+    assert lost._joined([own._replace(lost={0: []}), other], 2).coded == 42.0

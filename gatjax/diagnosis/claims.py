@@ -49,6 +49,7 @@ class Claim(NamedTuple):
     lost: dict[int, list[np.ndarray]] | None = None  # lost commands, per run
     covariance: np.ndarray | None = None  # of the coordinates
     stance: Stance | None = None  # instead of joints
+    coded: float = 0.0  # nats of naming what commands were lost; the gain has paid them
 
     def place(self) -> tuple:
         """Where it is."""

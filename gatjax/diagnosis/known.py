@@ -76,9 +76,13 @@ class Known:
         return out
 
     def evidence(self, without: int | None = None) -> float:
-        """Nats of what is known, all joints together but for one that is left out."""
+        """Nats of what is known, all joints together but for one that is left out.
+
+        Which commands were lost has its price, as large as it takes to write them down.
+        """
         every = range(len(self.joints))
-        return sum(self._evidence(k) for k in every if k != without)
+        paid = sum(claim.coded for claim in self.accepted)
+        return sum(self._evidence(k) for k in every if k != without) - paid
 
     def _evidence(self, index: int) -> float:
         return fits.evidence(self.joints[index], self.known[index])

@@ -52,7 +52,7 @@ def _joined(claims: list[Claim], joints: int) -> Claim:
         lost |= claim.lost or {}
     gain = sum(claim.gain + PLACE for claim in claims) - PLACE
     whole = Claim(drops.LOST, np.zeros(0), tuple(range(joints)), fitted, gain)
-    return whole._replace(lost=lost)
+    return whole._replace(lost=lost, coded=sum(claim.coded for claim in claims))
 
 
 def _decoded(judge: Known, index: int, rival: float) -> Claim | None:
@@ -76,7 +76,8 @@ def _decoded(judge: Known, index: int, rival: float) -> Claim | None:
         gain -= found.price + PLACE
         owner = found.fit.hypothesis
         assert owner is not None
-        return Claim(owner.newest, np.zeros(0), (index,), {index: found.fit}, gain)
+        alone = Claim(owner.newest, np.zeros(0), (index,), {index: found.fit}, gain)
+        return alone._replace(coded=found.price)
 
     heard = np.flatnonzero(joint.valid.any(1))  # not left aside
     told = [loss.lost[run] for run in heard], [commands[run] for run in heard]
