@@ -8,10 +8,13 @@ import pytest
 from gatjax.diagnosis import findings
 from gatjax.diagnosis.bank import CAUSES, OTHERS
 from gatjax.diagnosis.claims import LATER, WORTH, Claim
+from gatjax.diagnosis.coordinates import LESS
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT
 from gatjax.diagnosis.joint import NOTHING
 from gatjax.diagnosis.judge import Judge
+
+LESSER = tuple(each for each in CAUSES if each.variant == LESS)
 
 
 @pytest.mark.parametrize(
@@ -49,6 +52,9 @@ def test_a_further_cause_needs_more_beside_one_that_was_known_before(monkeypatch
         (OTHERS, 8.0, True, False),  # a law without a name, and nothing to explain
         (OTHERS, 8.0, False, True),
         (OTHERS, 25.0, True, True),
+        (LESSER, 15.0, True, False),  # a number of the model is less than nominal
+        (LESSER, 15.0, False, True),
+        (LESSER, 25.0, True, True),
     ],
 )
 def test_a_law_without_a_name_needs_more_where_tolerances_are_enough(

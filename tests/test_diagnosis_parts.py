@@ -34,6 +34,7 @@ from gatjax.diagnosis.hypotheses import (
 from gatjax.diagnosis.joint import GRAVITY, STEP
 from gatjax.diagnosis.known import Known
 from gatjax.diagnosis.loads import tilted
+from gatjax.diagnosis.pruning import pruned
 from gatjax.effects.body import gravity_tilt
 from gatjax.effects.catalogue import CATALOGUE
 
@@ -203,6 +204,31 @@ def test_lost_targets_are_found_in_the_motion_without_them(share):
     told = drops.statistics(found.lost, [command])
     assert told["probability"] == pytest.approx(share, abs=0.1)
     assert found.price == pytest.approx(drops.length(found.lost) / 10.0)
+    left = pruned(found, noisy, [command])
+    assert drops.length(left.lost) <= drops.length(found.lost)
+    told = drops.statistics(left.lost, [command])
+    assert told["probability"] == pytest.approx(share, abs=0.1)
+    assert left.price == pytest.approx(drops.length(left.lost) / 10.0)
+
+
+def test_a_few_losses_are_told_from_many_that_explain_nothing():
+    rng = np.random.default_rng(3)
+    bare = joint(wave)
+    command = np.array([wave(t) for t in bare.time[0]])
+    lost = np.zeros(len(command), bool)
+    lost[[60, 61, 62, 63, 150, 151, 152]] = True
+    held = drops.with_commands(bare, [command], [lost])
+    angle = held.simulate([{}], False)[..., 0] + rng.normal(0.0, 7e-4, (1, 250))
+    noisy = bare._replace(measured=angle)
+    many = lost | (rng.uniform(size=len(lost)) < 0.15)
+    many[[0, 59, 64, 149, 153]] = False  # the two bursts stand alone
+    now = drops.with_commands(noisy, [command], [many])
+    first = fits.start(now, [(drops.LOST, np.zeros(COUNT))])
+    fit = fits.improve(now, first, 6)[0]
+    found = drops.Losses([many], now, fit, drops.price(noisy, [command], [many]))
+    left = pruned(found, noisy, [command])
+    assert (left.lost[0] & ~lost).sum() <= 2 and (left.lost[0] & lost).sum() == 7
+    assert left.fit.rms() < 1.1 * noisy.noise < 0.8 * fit.rms()
 
 
 def test_losses_of_a_robot_off_its_nominal_numbers_need_another_start():

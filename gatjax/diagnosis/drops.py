@@ -127,6 +127,13 @@ def length(lost: Sequence[np.ndarray]) -> float:
     return float(-count * (gone * np.log(gone) + (1.0 - gone) * np.log(1.0 - gone)))
 
 
+def price(
+    joint: Joint, commands: list[np.ndarray], lost: Sequence[np.ndarray]
+) -> float:
+    """Nats of naming lost ticks, as readings count that are not independent."""
+    return length(lost) * _period(joint, commands) / fits.lasts(joint)
+
+
 def held(command: np.ndarray, lost: np.ndarray) -> np.ndarray:
     """Targets in force [N] when some of them are lost."""
     index = np.where(lost, 0, np.arange(len(command)))
@@ -232,8 +239,7 @@ def _turns(
         fit = fits.improve(now, fits.start(now, [(owner, x)]), ADVANCE)[0]
         worse += best is not None and fit.rms() > BETTER * best.fit.rms()
         if best is None or fit.rms() < best.fit.rms():
-            price = length(lost) * _period(joint, commands) / fits.lasts(joint)
-            best = Losses(lost, now, fit, price)
+            best = Losses(lost, now, fit, price(joint, commands, lost))
         if worse == PATIENCE or fit.rms() < DONE * joint.noise:
             break
         x, noise = fit.x, max(fits.LEFT * joint.noise, SHARPER * fit.rms())

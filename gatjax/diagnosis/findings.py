@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from gatjax.diagnosis.claims import LATER, SEVERAL, Claim
+from gatjax.diagnosis.coordinates import LESS
 from gatjax.diagnosis.judge import Judge
 
 TOLERABLE = 2.2  # times the reading noise: an explanation may leave that much
@@ -27,10 +28,12 @@ def worth_naming(judge: Judge, claim: Claim) -> bool:
 
     What a large cause of one joint leaves there, a small share of what it explained, is
     more likely its own law drawn too simply than a second cause. A law without a name
-    says little about a joint that tolerances explain.
+    says little about a joint that tolerances explain, and so does a number that is less
+    than nominal: nothing is there that was not, and of many joints some are far off.
     """
     nats, visible = needed(judge, claim.fits)
-    if not claim.hypothesis.cause and all(adequate(judge, k) for k in claim.fits):
+    little = not claim.hypothesis.cause or claim.hypothesis.variant == LESS
+    if little and all(adequate(judge, k) for k in claim.fits):
         nats = max(nats, AGAIN)
     if claim.gain < nats:
         return False

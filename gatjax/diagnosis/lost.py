@@ -12,6 +12,7 @@ from gatjax.diagnosis.case import mapped
 from gatjax.diagnosis.claims import PLACE, WORTH, Claim
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.known import Known
+from gatjax.diagnosis.pruning import pruned
 
 NOISY = 1.7  # times the noise that the best cause leaves: commands may be lost
 MOST = 0.6  # share of joints that lost commands, from which all may have
@@ -69,6 +70,8 @@ def _decoded(judge: Known, index: int, rival: float) -> Claim | None:
         known = fits.improve(joint, first, 6)[0]
     commands = judge.case.commands(index)
     loss = drops.find(joint, known, commands, rival)
+    if loss.fit.rms() < drops.DECODED * joint.noise:
+        loss = pruned(loss, joint, commands)
     outage = drops.outage(joint, known, commands, loss)
 
     def claim(found: drops.Losses) -> Claim:

@@ -231,8 +231,10 @@ class StandingJudge(Judge):
         model = fields_applied(add_causes(self.bare, changed))
         tree = Tree(model, model.actuator_trnid[:, 0])
         base = self.standing._replace(tree=tree)
-        self.case = along(dataclasses.replace(self.case, base=base), [], [])
-        self.joints = list(self.case.joints)
+        self.case = along(
+            dataclasses.replace(self.case, base=base), self.joints, self.known
+        )
+        self.joints, self.found = self.altered(self.case), {}
         self.known = mapped(self._again, range(len(self.joints)))
         return claim
 
