@@ -13,6 +13,8 @@ import pytest
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 
+CORES = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
+
 # The same examples on every machine, and no example fails for being slow: the first
 # call of a jitted function compiles it.
 hypothesis.settings.register_profile(
@@ -27,9 +29,17 @@ def pytest_configure(config):
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
     worker = os.environ.get("PYTEST_XDIST_WORKER", "")  # gw0, gw1, ...
-    if worker and hasattr(os, "sched_setaffinity"):
-        cores = sorted(os.sched_getaffinity(0))
-        os.sched_setaffinity(0, {cores[int(worker[2:]) % len(cores)]})
+    if worker and CORES:
+        os.sched_setaffinity(0, {CORES[int(worker[2:]) % len(CORES)]})
+
+
+@pytest.fixture
+def all_cores():
+    """The test may use every core, as it could without workers."""
+    mine = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, CORES)
+    yield
+    os.sched_setaffinity(0, mine)
 
 
 @pytest.fixture(scope="module")

@@ -107,7 +107,7 @@ def test_solved_cases_are_left_alone_and_failed_ones_tried_again(blind, tmp_path
 
 
 @pytest.mark.skipif(not BOUND, reason="this system binds no process to a processor")
-def test_solvers_at_a_time_do_not_share_processors(blind, tmp_path):
+def test_solvers_at_a_time_do_not_share_processors(blind, tmp_path, all_cores):
     cases = read_cases(blind[0] / "set")
     twins = [cases[0]._replace(name=name) for name in "ab"]
     every = os.sched_getaffinity(0)
@@ -161,7 +161,10 @@ def test_bad_folders_and_names(tmp_path, capsys):
     cases = [
         (["--folder", str(tmp_path)], "answers.json: no such file"),
         (["--robots", "nobody"], "--robots nobody is unknown; choose from arm_servo"),
-        (["--causes", "magic", "--robots", "arm_servo"], "'magic'] is unknown"),
+        (
+            ["--causes", "magic", "--robots", "arm_servo"],
+            "gatjax: magic: unknown; kinds are",
+        ),
         (["--cases", "0"], "--cases is 0"),
         (["--jobs", "0"], "--jobs is 0"),
         (["--folder", str(tmp_path), "--causes", "backlash"], "--causes chooses"),
