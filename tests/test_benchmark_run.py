@@ -107,7 +107,7 @@ def test_solved_cases_are_left_alone_and_failed_ones_tried_again(blind, tmp_path
 
 
 @pytest.mark.skipif(not BOUND, reason="this system binds no process to a processor")
-def test_solvers_at_a_time_do_not_share_processors(blind, tmp_path, all_cores):
+def test_solvers_at_a_time_do_not_share_processors(blind, tmp_path):
     cases = read_cases(blind[0] / "set")
     twins = [cases[0]._replace(name=name) for name in "ab"]
     every = os.sched_getaffinity(0)

@@ -307,7 +307,7 @@ def test_wrong_metadata_is_refused(tmp_path, text, says):
 
 def test_a_missing_file_lists_what_is_there(tmp_path):
     write_recording(tmp_path / "robot_0.parquet", example())
-    with pytest.raises(FileNotFoundError, match=r"has robot_0\.parquet"):
+    with pytest.raises(FileNotFoundError, match=r"there are: robot_0\.parquet"):
         read_recording(tmp_path / "robot_1.parquet")
 
 

@@ -15,7 +15,7 @@ from gatjax.sim.compiled import host, on_cpu
 @pytest.mark.skipif(
     not hasattr(os, "sched_setaffinity"), reason="this system binds no process"
 )
-def test_only_processors_that_the_process_was_given_are_used(all_cores):
+def test_only_processors_that_the_process_was_given_are_used():
     given = max(os.sched_getaffinity(0))
     ask = (
         "import os, threading, time\n"

@@ -241,7 +241,7 @@ def test_a_truncated_policy_is_refused(tmp_path):
 def test_a_missing_policy_lists_those_that_are_there(tmp_path):
     write_policy(tmp_path, "theta0", THETA0, {})
     line = refusal(FileNotFoundError, read_policy, tmp_path / "gat.json")
-    assert line.endswith("has theta0.json")
+    assert line.endswith("there are: theta0.json")
 
 
 @pytest.mark.parametrize(

@@ -28,9 +28,7 @@ PATIENCE = 120.0  # s; it takes two
 @pytest.mark.skipif(
     not hasattr(os, "sched_setaffinity"), reason="processors can't be chosen here"
 )
-def test_factorizations_beside_each_other_do_not_block_each_other_on_two_processors(
-    all_cores,
-):
+def test_factorizations_beside_each_other_do_not_block_each_other_on_two_processors():
     done = subprocess.run(
         [sys.executable, "-c", SEVERAL],
         env={k: v for k, v in os.environ.items() if k != "PJRT_NPROC"},

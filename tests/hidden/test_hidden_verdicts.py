@@ -15,7 +15,6 @@ from gatjax.surrogate.hidden import write_cases
 # longest, is what test_docs_notebook hides.
 CASES = {
     "dead_band": (4, "arm_servo", {"mix": {"single": 1.0}, "causes": ["dead_band"]}),
-    "gain_error": (1, "arm_servo", {"mix": {"single": 1.0}, "causes": ["gain_error"]}),
     "one_of_two": (
         1,
         "arm_two",
