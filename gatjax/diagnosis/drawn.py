@@ -46,7 +46,8 @@ def drawn_errors(
         return {}
     runs = list(unseen)
     known = base.assumed or [NOTHING] * len(case.joints)
-    assumed = [each._replace(supply=each.supply or case.supply) for each in known]
+    supply = known[0].supply or case.supply
+    assumed = [each._replace(supply=supply) for each in known]
     other = unfitted(base._replace(runs=runs, assumed=assumed), runs)
 
     def errors(index: int, joint: Joint, fit: Fit) -> Errors:

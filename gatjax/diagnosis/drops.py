@@ -198,11 +198,16 @@ def outage(
     return Losses(windows, now, fit, 2.0 * ODDS * times)  # begins and ends
 
 
+def bursts(lost: np.ndarray) -> np.ndarray:
+    """First tick and end [K, 2] of each burst of a mask [N]."""
+    edges = np.flatnonzero(np.diff(lost.astype(int), prepend=0, append=0))
+    return edges.reshape(-1, 2)
+
+
 def _long(lost: np.ndarray) -> np.ndarray:
     """The bursts [N] 0 or 1 of a mask [N] that are long."""
-    edges = np.flatnonzero(np.diff(lost.astype(int), prepend=0, append=0))
     out = np.zeros(len(lost), int)
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
+    for first, last in bursts(lost):
         out[first:last] = last - first >= LONG
     return out
 

@@ -32,7 +32,7 @@ BACK, LOOK = 6, 0.06  # samples, at least, and s of the parabola that gives a sp
 STRAY, EVEN = 0.25, 0.9  # of a tick that so many of the rows may come off it
 BRIEF = 1e-3  # s over which a joint's velocity is taken
 APART = 10_000  # blocks between two runs' numbers
-BLOCK = 1.0  # s that the bootstrap draws together
+BLOCK = 1.0  # s of a log that an interval leaves out together
 TINY = 1e-18  # rad^2
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gatjax.diagnosis import fit as fits
-from gatjax.diagnosis.drops import ADVANCE, Losses, price, with_commands
+from gatjax.diagnosis.drops import ADVANCE, Losses, bursts, price, with_commands
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.joint import Joint
 
@@ -26,9 +26,9 @@ def pruned(losses: Losses, joint: Joint, commands: list[np.ndarray]) -> Losses:
         joint: with the full commands.
         commands: of each run [N], rad.
     """
-    while bursts := _bursts(losses.lost):
-        matter = [_cost(losses, joint, commands, [burst]) for burst in bursts]
-        order = [bursts[k] for k in np.argsort(matter)]
+    while every := _bursts(losses.lost):
+        matter = [_cost(losses, joint, commands, burst) for burst in every]
+        order = [every[k] for k in np.argsort(matter)]
         counts = {int(share * len(order)) for share in SHARES} - {0}
         trials = [
             _fitted(joint, commands, _without(losses.lost, order[:count]), losses.fit)
@@ -48,29 +48,27 @@ def _nats(losses: Losses) -> float:
 
 def _bursts(lost: Sequence[np.ndarray]) -> list[tuple[int, int, int]]:
     """Run, first tick and end of each burst in masks [N]."""
-    found = []
-    for run, mask in enumerate(lost):
-        edges = np.flatnonzero(np.diff(mask.astype(int), prepend=0, append=0))
-        found += [(run, *pair) for pair in edges.reshape(-1, 2).tolist()]
-    return found
+    return [
+        (run, *pair) for run, mask in enumerate(lost) for pair in bursts(mask).tolist()
+    ]
 
 
 def _without(
-    lost: Sequence[np.ndarray], bursts: Sequence[tuple[int, int, int]]
+    lost: Sequence[np.ndarray], some: Sequence[tuple[int, int, int]]
 ) -> list[np.ndarray]:
     """Masks [N] without some bursts."""
     out = [mask.copy() for mask in lost]
-    for run, first, end in bursts:
+    for run, first, end in some:
         out[run][first:end] = False
     return out
 
 
 def _cost(
     losses: Losses, joint: Joint, commands: list[np.ndarray],
-    bursts: Sequence[tuple[int, int, int]],
+    burst: tuple[int, int, int],
 ) -> float:  # fmt: skip
-    """Squared misfit without some bursts, at the same numbers."""
-    now = with_commands(joint, commands, _without(losses.lost, bursts))
+    """Squared misfit without a burst, at the same numbers."""
+    now = with_commands(joint, commands, _without(losses.lost, [burst]))
     point = losses.fit.hypothesis, losses.fit.x
     return float(np.square(fits.residuals(now, [point])).sum())
 

@@ -17,6 +17,7 @@ from gatjax.effects.effect import Effect
 from gatjax.records import JOINTS, Sensed, Signal
 from gatjax.robot.model import Held
 from gatjax.robot.nao import WALKING_JOINTS
+from gatjax.sim.contact import law_of
 from gatjax.sim.episode import joints_of
 from gatjax.sim.world import (
     World,
@@ -53,8 +54,7 @@ def lighter(world: World) -> World:
     angles = {joint: float(stand[JOINTS.index(joint)]) for joint in HELD}
     held = Held(angles, fields_applied(world))
     light = nominal(world.task, world.source, _timestep(world), held)
-    if world.contact is not None:
-        light = with_contact(light, world.contact)
+    light = with_contact(light, law_of(world.model))
     if _plain(world):
         light.model.opt.iterations = ITERATIONS
     for row in world.causes:

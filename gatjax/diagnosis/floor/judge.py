@@ -172,15 +172,15 @@ class StandingJudge(Judge):
         if claim.lost:
             runs = [_received(run, claim.lost, k) for k, run in enumerate(robot.runs)]
             return robot._replace(runs=runs)
-        if claim.stance is not None and claim.stance.where == "imu":
-            values = claim.stance.values
+        if (unit := _unit(claim)) is not None:
+            values = unit.values
             return robot._replace(askew=np.array([values[each] for each in AXES]))
         return robot._replace(world=self._world(self._effects(claim)))
 
     def _effects(self, claim: Claim) -> list[tuple]:
         """Rows of the world that a claim changes."""
-        unit = claim.stance is not None and claim.stance.where == "imu"
-        return [] if claim.lost or unit else extend.effects(self, claim)
+        aside = claim.lost or _unit(claim) is not None
+        return [] if aside else extend.effects(self, claim)
 
     def _world(self, more: list[tuple]) -> World:
         """A world with more effects than are known, in the order of `start.CHAIN`."""
@@ -266,6 +266,12 @@ def _claim(found: FloorClaim) -> Claim:
         values=lambda joint, x: found.values,
     )  # fmt: skip
     return Claim(hypothesis, np.zeros(0), (), {}, found.gain, stance=stance)
+
+
+def _unit(claim: Claim) -> Stance | None:
+    """What a claim says of the inertial unit, if it is about that."""
+    stance = claim.stance
+    return stance if stance is not None and stance.where == "imu" else None
 
 
 def _received(
