@@ -8,7 +8,7 @@ import pytest
 from test_diagnosis_plant import joint, wave
 
 from gatjax.data.trajectories import JointRun
-from gatjax.diagnosis import accepting, bank, drops, motion, noise, quantum
+from gatjax.diagnosis import accepting, bank, drops, motion, noise, outage, quantum
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.aliases import UPSIDE_DOWN
 from gatjax.diagnosis.assembly import TRANSPORT
@@ -267,10 +267,29 @@ def test_what_a_tick_does_to_a_servo_is_what_its_simulation_says(rate):
     assert np.abs(answer - simulated).max() < 0.12 * np.abs(simulated).max()
 
 
-def test_a_pattern_of_losses_costs_the_entropy_of_its_share():
-    lost = np.arange(998) < 99  # and one more of each kind: a tenth
-    nats = -0.1 * np.log(0.1) - 0.9 * np.log(0.9)
-    assert drops.length([lost]) == pytest.approx(998 * nats)
+def entropy(chance):
+    return -chance * np.log(chance) - (1.0 - chance) * np.log(1.0 - chance)
+
+
+def chain(count, begin, end):
+    """Losses in bursts, as they are drawn."""
+    draws, lost = np.random.default_rng(5).uniform(size=count), np.zeros(count, bool)
+    for tick in range(1, count):
+        chance = 1.0 - end if lost[tick - 1] else begin
+        lost[tick] = draws[tick] < chance
+    return lost
+
+
+def test_a_pattern_of_losses_costs_the_entropy_of_its_bursts():
+    count, begin, end = 20_000, 0.1, 0.3  # a quarter of them lost
+    lost = chain(count, begin, end)
+    share = begin / (begin + end)
+    nats = count * ((1.0 - share) * entropy(begin) + share * entropy(end))
+    assert drops.length([lost]) == pytest.approx(nats, rel=0.03)
+    assert drops.chances([lost]) == pytest.approx((begin, end), rel=0.1)
+    alone = np.random.default_rng(0).permutation(lost)  # as many, one by one
+    assert drops.length([alone]) == pytest.approx(count * entropy(share), rel=0.03)
+    assert drops.length([alone]) > 1.2 * drops.length([lost])
 
 
 def test_losses_of_a_motion_that_lost_nothing_are_not_worth_their_price():
@@ -313,18 +332,18 @@ def test_a_loss_of_power_is_no_loss_of_commands(powerless):
     noisy = bare._replace(measured=angle)
     known = fits.start(noisy, [(None, np.zeros(COUNT))])[0]
     losses = drops.find(noisy, known, [command])
-    outage = drops.outage(noisy, known, [command], losses)
-    assert (outage.fit.rms() < losses.fit.rms()) == powerless
+    limp = outage.outage(noisy, known, [command], losses)
+    assert (limp.fit.rms() < losses.fit.rms()) == powerless
     if powerless:
-        told = outage.fit.hypothesis.values(noisy, np.zeros(0))
+        told = limp.fit.hypothesis.values(noisy, np.zeros(0))
         assert told == {"times": 3.0, "duration": pytest.approx(0.12, abs=0.02)}
 
 
 def test_short_losses_are_no_loss_of_power():
     bare = joint(wave)
-    gone = np.arange(250) % 10 < drops.LONG - 1
+    gone = np.arange(250) % 10 < outage.LONG - 1
     losses = drops.Losses([gone], bare, fit_of(0.0, 1.0), 0.0)
-    assert drops.outage(bare, fit_of(0.0, 1.0), [np.zeros(250)], losses) is None
+    assert outage.outage(bare, fit_of(0.0, 1.0), [np.zeros(250)], losses) is None
 
 
 def fit_of(value, information_of_it):

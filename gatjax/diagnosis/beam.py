@@ -34,6 +34,19 @@ class Events(NamedTuple):
     reading: Array  # rad
 
 
+class Chances(NamedTuple):
+    """Of losses, which come in bursts (a Markov chain, Gilbert 1960)."""
+
+    begin: float  # of a burst, at each tick outside of one
+    end: float  # of a burst, at each tick inside
+
+    @property
+    def nats(self) -> np.ndarray:
+        """What a tick costs [2, 2], by the one before it and itself: 1 is lost."""
+        one = np.array([[1.0 - self.begin, self.begin], [self.end, 1.0 - self.end]])
+        return -np.log(one)
+
+
 class Beam(NamedTuple):
     """Hypotheses: state of the joint, target in force, cost, each [W]."""
 
@@ -61,7 +74,7 @@ def events(joint: Joint, run: int, command: np.ndarray, drive: dict) -> Events:
 
 def lost(
     joint: Joint, hypothesis: Hypothesis | None, x: np.ndarray,
-    log: tuple[int, np.ndarray], noise: float, odd: float,
+    log: tuple[int, np.ndarray], noise: float, chances: Chances,
 ) -> np.ndarray:  # fmt: skip
     """Losses [N] of a run's commands that explain its readings best.
 
@@ -71,7 +84,7 @@ def lost(
         x: its coordinates, tolerances first.
         log: number of the run, and its commands [N] rad.
         noise: rad, standard deviation of what a right pattern leaves.
-        odd: nats that a loss costs.
+        chances: of losses.
     """
     run, command = log
     drive = joint.nominal | numbers(joint, hypothesis, x)
@@ -79,7 +92,8 @@ def lost(
     packed = joint.packed([drive])
     packed = Drive(*(field[None] for field in packed[:-1]), terms=packed.terms)
     series = Grid(*(field[:, run : run + 1] for field in joint.grid))
-    parents, cost = map(np.asarray, _searched(packed, series, given, noise, odd))
+    nats = chances.nats.astype(np.float32)
+    parents, cost = map(np.asarray, _searched(packed, series, given, noise, nats))
     gone, best = np.zeros(len(command), bool), int(np.argmin(cost))
     steps = np.flatnonzero(given.comes)
     for step, tick in zip(steps[::-1], given.tick[steps][::-1], strict=True):
@@ -89,12 +103,12 @@ def lost(
 
 
 @jax.jit
-def _searched(p: Drive, g: Grid, e: Events, noise: Array, odd: Array) -> tuple:
+def _searched(p: Drive, g: Grid, e: Events, noise: Array, nats: Array) -> tuple:
     """Parents of the hypotheses at each step [K, W], and their costs at the end [W]."""
     first = jnp.full((1, WIDTH), e.command[0], jnp.float32)
     zero = jnp.zeros_like(first)
     memory = Servo(first, first, zero, zero)
-    cost = jnp.where(jnp.arange(WIDTH) == 0, 0.0, SURELY)
+    cost = jnp.where(jnp.arange(WIDTH) == 0, 0.0, SURELY).astype(jnp.float32)
     start = Beam(plant.Rigid(first, zero, zero, zero, memory), first[0], cost)
 
     def split(beam: Beam, command: Array) -> tuple[Beam, Array]:
@@ -102,10 +116,11 @@ def _searched(p: Drive, g: Grid, e: Events, noise: Array, odd: Array) -> tuple:
         parent = jnp.concatenate([order, order])
         state = jax.tree.map(lambda leaf: leaf[:, parent], beam.state)
         held, cost = beam.held[order], beam.cost[order]
+        was = nats[(order >= WIDTH // 2).astype(int)]  # the lost ones stand behind
         same = jnp.abs(held - command) < 1e-6
-        worse = cost + jnp.where(same, SURELY, odd)
+        worse = cost + jnp.where(same, SURELY, was[:, 1])
         held = jnp.concatenate([jnp.full_like(held, command), held])
-        return Beam(state, held, jnp.concatenate([cost, worse])), parent
+        return Beam(state, held, jnp.concatenate([cost + was[:, 0], worse])), parent
 
     def stay(beam: Beam, command: Array) -> tuple[Beam, Array]:
         return beam, jnp.arange(WIDTH)

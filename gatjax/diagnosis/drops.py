@@ -21,6 +21,8 @@ from gatjax.diagnosis.joint import STEP, Joint
 from gatjax.diagnosis.motion import cells
 
 ODDS = 4.5  # nats at most that naming one lost tick costs
+FREQUENT = beam.Chances(0.27, 0.73)  # that a search begins with
+BEGINS, ENDS = (0.01, 0.6), (0.1, 0.9)  # least and largest chance while it goes on
 TOLD = 0.75  # quantile of the changes of a command beyond which a loss is seen
 ROUNDS, ADVANCE = 12, 3  # of search and fit; iterations of a fit
 FIRST = 8.0  # times the noise that a right pattern may leave at first
@@ -31,12 +33,11 @@ DECODED = 1.7  # times the noise at most, that decoded losses leave
 NEAR = 6.0  # times the noise that a first search leaves: other starts may do better
 PROMISING = 0.5  # the same, of what another explanation leaves
 SCOUTS, SPREAD = 6, 1.5  # starts beside the nominal one; tolerances of theirs
-SCOUTING, FOLLOWED = 3, 2  # rounds of a scout; the best that are followed
+SCOUTING, FOLLOWED = 3, 4  # rounds of a scout; the best that are followed
 SELECTIVE = 3.0  # deviations: small changes are lost more often than by chance
 SHOWN = 4.0  # times the noise: a change that cannot be overlooked
 EXPECTED = 5.0  # losses of a run at least, for the chi-square test (Cochran 1954)
 UNLIKELY = 1e-3  # probability of losses that differ so much from run to run
-LONG = 4  # ticks of a burst that may be a loss of power instead
 
 
 class Losses(NamedTuple):
@@ -116,22 +117,28 @@ def evenly(
     return float(chi2.sf(apart, len(counts) - 1))
 
 
-def share(lost: Sequence[np.ndarray]) -> float:
-    """Share of lost ticks in masks [N], never 0 or 1 (Laplace's rule)."""
-    return (sum(m.sum() for m in lost) + 1.0) / (sum(m.size for m in lost) + 2.0)
+def turns(lost: Sequence[np.ndarray]) -> np.ndarray:
+    """How often [2, 2] a tick of masks [N] follows another one; 1 is lost."""
+    pairs = np.concatenate([2 * mask[:-1].astype(int) + mask[1:] for mask in lost])
+    return np.bincount(pairs, minlength=4).reshape(2, 2)
+
+
+def chances(lost: Sequence[np.ndarray]) -> beam.Chances:
+    """Of losses in masks [N], never 0 or 1 (Laplace's rule)."""
+    begun, ended = (turns(lost) + 1.0) / (turns(lost).sum(1, keepdims=True) + 2.0)
+    return beam.Chances(float(begun[1]), float(ended[0]))
 
 
 def length(lost: Sequence[np.ndarray]) -> float:
-    """Nats that it takes to write masks [N] down, losses being independent."""
-    gone, count = share(lost), sum(mask.size for mask in lost)
-    return float(-count * (gone * np.log(gone) + (1.0 - gone) * np.log(1.0 - gone)))
+    """Nats that it takes to write masks [N] down, as bursts."""
+    return float(np.sum(turns(lost) * chances(lost).nats))
 
 
 def price(
     joint: Joint, commands: list[np.ndarray], lost: Sequence[np.ndarray]
 ) -> float:
     """Nats of naming lost ticks, as readings count that are not independent."""
-    return length(lost) * _period(joint, commands) / fits.lasts(joint)
+    return length(lost) * period(joint, commands) / fits.lasts(joint)
 
 
 def held(command: np.ndarray, lost: np.ndarray) -> np.ndarray:
@@ -169,50 +176,13 @@ def find(
     return min(tried, key=lambda losses: losses.fit.rms())
 
 
-def outage(
-    joint: Joint, base: Fit, commands: list[np.ndarray], losses: Losses
-) -> Losses | None:
-    """The rival of long bursts: the motor was without power for as long.
-
-    Args:
-        joint: with the full commands.
-        base: what is known about it.
-        commands: of each run [N], rad.
-        losses: as decoded; shorter ones are taken for errors of the decoder.
-
-    Returns:
-        A fit with its windows; None if no burst is long.
-    """
-    windows = [_long(mask) for mask in losses.lost]
-    if not any(window.any() for window in windows):
-        return None
-    off = _on_grid(joint, [np.where(window, 1.0, 0.0) for window in windows])
-    now = joint._replace(grid=joint.grid._replace(supply=off))
-    period = _period(joint, commands)
-    ticks = sum(int(window.sum()) for window in windows)
-    times = sum(int((np.diff(window, prepend=0) > 0).sum()) for window in windows)
-    told = {"duration": ticks * period / times, "times": float(times)}
-    law = combined(base.hypothesis, UNPOWERED._replace(values=lambda joint, x: told))
-    starts = fits.start(now, [(law, base.x), (law, losses.fit.x)])
-    fit = min(fits.improve(now, starts, ROUNDS), key=lambda fit: fit.cost)
-    return Losses(windows, now, fit, 2.0 * ODDS * times)  # begins and ends
-
-
 def bursts(lost: np.ndarray) -> np.ndarray:
     """First tick and end [K, 2] of each burst of a mask [N]."""
     edges = np.flatnonzero(np.diff(lost.astype(int), prepend=0, append=0))
     return edges.reshape(-1, 2)
 
 
-def _long(lost: np.ndarray) -> np.ndarray:
-    """The bursts [N] 0 or 1 of a mask [N] that are long."""
-    out = np.zeros(len(lost), int)
-    for first, last in bursts(lost):
-        out[first:last] = last - first >= LONG
-    return out
-
-
-def _period(joint: Joint, commands: list[np.ndarray]) -> float:
+def period(joint: Joint, commands: list[np.ndarray]) -> float:
     """Between two commands, s."""
     return float(np.median(np.diff(joint.time[0, : len(commands[0])])))
 
@@ -234,10 +204,10 @@ def _turns(
         rounds: at most.
     """
     owner = combined(base.hypothesis, LOST)
-    (x, noise), odd, best, worse = state, 1.0, None, 0
+    (x, noise), likely, best, worse = state, FREQUENT, None, 0
     for _ in range(rounds):
         lost = [
-            beam.lost(joint, base.hypothesis, x, (run, command), noise, odd)
+            beam.lost(joint, base.hypothesis, x, (run, command), noise, likely)
             for run, command in enumerate(commands)
         ]
         now = with_commands(joint, commands, lost)
@@ -248,7 +218,8 @@ def _turns(
         if worse == PATIENCE or fit.rms() < DONE * joint.noise:
             break
         x, noise = fit.x, max(fits.LEFT * joint.noise, SHARPER * fit.rms())
-        odd = float(np.clip(np.log(1.0 / share(lost) - 1.0), -1.0, ODDS))
+        begin, end = chances(lost)
+        likely = beam.Chances(np.clip(begin, *BEGINS), np.clip(end, *ENDS))
     assert best is not None
     return best
 
@@ -258,12 +229,12 @@ def with_commands(
 ) -> Joint:
     """The joint as it moves when some of its commands are lost."""
     given = [held(c, mask) for c, mask in zip(commands, lost, strict=True)]
-    target = _on_grid(joint, given)
+    target = on_grid(joint, given)
     target[: joint.lead] = joint.grid.target[: joint.lead]
     return joint._replace(grid=joint.grid._replace(target=target))
 
 
-def _on_grid(joint: Joint, values: list[np.ndarray]) -> np.ndarray:
+def on_grid(joint: Joint, values: list[np.ndarray]) -> np.ndarray:
     """What is in force from each stamp on, per run [N]: on the grid [K, R]."""
     steps = joint.grid.target.shape[0]
     grid = (np.arange(steps) - joint.lead) * STEP
@@ -279,8 +250,3 @@ LOST = Hypothesis(
     lambda joint, x: {},
 )  # fmt: skip
 """The losses are in the joint's commands: no coordinates of their own."""
-UNPOWERED = LOST._replace(
-    cause="", variant="loss of power",
-    put=lambda drive, joint, x: drive.update(sag=1.0),
-)  # fmt: skip
-"""The supply fails in windows that the grid tells: no entry of the catalogue."""

@@ -12,6 +12,7 @@ from gatjax.diagnosis.case import mapped
 from gatjax.diagnosis.claims import PLACE, WORTH, Claim
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.known import Known
+from gatjax.diagnosis.outage import outage
 from gatjax.diagnosis.pruning import pruned
 
 NOISY = 1.7  # times the noise that the best cause leaves: commands may be lost
@@ -72,7 +73,7 @@ def _decoded(judge: Known, index: int, rival: float) -> Claim | None:
     loss = drops.find(joint, known, commands, rival)
     if loss.fit.rms() < drops.DECODED * joint.noise:
         loss = pruned(loss, joint, commands)
-    outage = drops.outage(joint, known, commands, loss)
+    unpowered = outage(joint, known, commands, loss)
 
     def claim(found: drops.Losses) -> Claim:
         gain = fits.evidence(found.joint, found.fit) - fits.evidence(joint, known)
@@ -88,7 +89,7 @@ def _decoded(judge: Known, index: int, rival: float) -> Claim | None:
     random = even and drops.selective(*told) < drops.SELECTIVE
     right = [
         claim(found)._replace(lost={index: loss.lost} if found is loss else None)
-        for found in (loss if random else None, outage)
+        for found in (loss if random else None, unpowered)
         if found is not None and found.fit.rms() < drops.DECODED * joint.noise
     ]
     return max(right, key=lambda claim: claim.gain, default=None)
