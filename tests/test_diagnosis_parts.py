@@ -271,9 +271,9 @@ def entropy(chance):
     return -chance * np.log(chance) - (1.0 - chance) * np.log(1.0 - chance)
 
 
-def chain(count, begin, end):
+def chain(count, begin, end, seed=5):
     """Losses in bursts, as they are drawn."""
-    draws, lost = np.random.default_rng(5).uniform(size=count), np.zeros(count, bool)
+    draws, lost = np.random.default_rng(seed).uniform(size=count), np.zeros(count, bool)
     for tick in range(1, count):
         chance = 1.0 - end if lost[tick - 1] else begin
         lost[tick] = draws[tick] < chance
@@ -290,6 +290,29 @@ def test_a_pattern_of_losses_costs_the_entropy_of_its_bursts():
     alone = np.random.default_rng(0).permutation(lost)  # as many, one by one
     assert drops.length([alone]) == pytest.approx(count * entropy(share), rel=0.03)
     assert drops.length([alone]) > 1.2 * drops.length([lost])
+
+
+@pytest.mark.parametrize(("begin", "end"), [(0.06, 0.33), (0.4, 0.6), (0.02, 0.33)])
+def test_nine_in_ten_logs_hold_the_probability_of_a_loss_in_its_interval(begin, end):
+    rng = np.random.default_rng(1)
+    share, inside = begin / (begin + end), 0
+    for seed in range(200):
+        command = np.cumsum(rng.normal(size=1000))
+        low, high = drops.within([chain(1000, begin, end, seed)], [command])
+        assert 0.0 <= low < high <= 1.0
+        inside += low <= share <= high
+    assert 170 <= inside <= 196  # 180, and three deviations of a binomial
+
+
+def test_of_a_few_steps_every_one_tells_what_gets_lost():
+    command = np.repeat(np.arange(12.0) ** 2, 50)  # larger and larger
+    lost = np.zeros(600, bool)
+    lost[[50, 51, 52, 100, 250, 251, 350]] = True  # four of eleven steps come late
+    told = drops.statistics([lost], [command])
+    assert told == {"probability": pytest.approx(4 / 11), "burst": pytest.approx(7 / 4)}
+    low, high = drops.within([lost], [command])
+    assert low < 0.25 and high > 0.5
+    assert drops.statistics([lost], [np.zeros(600)])["probability"] == 0.0
 
 
 def test_losses_of_a_motion_that_lost_nothing_are_not_worth_their_price():

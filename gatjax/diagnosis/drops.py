@@ -24,6 +24,8 @@ ODDS = 4.5  # nats at most that naming one lost tick costs
 FREQUENT = beam.Chances(0.27, 0.73)  # that a search begins with
 BEGINS, ENDS = (0.01, 0.6), (0.1, 0.9)  # least and largest chance while it goes on
 TOLD = 0.75  # quantile of the changes of a command beyond which a loss is seen
+FEW = 60  # changes: of fewer a share tells little, and smaller ones count too
+SURE = 1.645  # deviations of a normal variable that hold 90 %
 ROUNDS, ADVANCE = 12, 3  # of search and fit; iterations of a fit
 FIRST = 8.0  # times the noise that a right pattern may leave at first
 SHARPER = 0.7  # of what a pattern left: what the next one may leave
@@ -57,17 +59,48 @@ def statistics(
     The share of losses is that among the changes that show best, the largest quarter: a
     loss that changes nothing is not decoded.
     """
-    changes = [np.abs(np.diff(command)) for command in commands]
-    moving = np.concatenate([change[change > 1e-6] for change in changes])
-    least = np.quantile(moving, TOLD) if len(moving) else np.inf
-    told = [change >= least for change in changes]
-    hit = sum(int(mask[1:][t].sum()) for mask, t in zip(lost, told, strict=True))
+    gone, _ = _telling(lost, commands)
     count = sum(int(mask.sum()) for mask in lost)
-    bursts = sum(int(np.sum(np.diff(mask.astype(int)) > 0)) for mask in lost)
+    times = sum(len(bursts(mask)) for mask in lost)
     return {
-        "probability": hit / max(sum(int(t.sum()) for t in told), 1),
-        "burst": max(count / max(bursts, 1), 1.0),
+        "probability": float(gone.mean()) if len(gone) else 0.0,
+        "burst": max(count / max(times, 1), 1.0),
     }
+
+
+def within(
+    lost: Sequence[np.ndarray], commands: Sequence[np.ndarray]
+) -> tuple[float, float]:
+    """Probabilities of a loss that 90 % of such logs have.
+
+    Wilson's interval, for as many independent draws as the changes are worth: ticks of
+    a Markov chain are correlated by a power of their distance.
+    """
+    gone, tick = _telling(lost, commands)
+    begin, end = chances(lost)
+    kept, near, together = max(1.0 - begin - end, 0.0), 0.0, 0.0
+    for gap in np.diff(tick, prepend=-np.inf):
+        near = 1.0 + kept**gap * near
+        together += 2.0 * near - 1.0
+    count = max(len(gone) ** 2 / max(together, 1.0), 1.0)
+    share, z = float(gone.mean()) if len(gone) else 0.0, SURE**2 / count
+    middle = (share + 0.5 * z) / (1.0 + z)
+    half = np.sqrt(z * share * (1.0 - share) + 0.25 * z**2) / (1.0 + z)
+    return float(middle - half), float(middle + half)
+
+
+def _telling(
+    lost: Sequence[np.ndarray], commands: Sequence[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """The largest changes of commands [N]: lost or not [C] bool, and ticks [C]."""
+    changes = np.concatenate([np.abs(np.diff(command)) for command in commands])
+    gone = np.concatenate([mask[1:] for mask in lost])
+    tick = np.flatnonzero(changes > 1e-6)
+    if not len(tick):
+        return np.zeros(0, bool), tick
+    largest = np.clip(1.0 - FEW / len(tick), 0.0, TOLD)
+    tick = tick[changes[tick] >= np.quantile(changes[tick], largest)]
+    return gone[tick], tick
 
 
 def selective(lost: Sequence[np.ndarray], commands: Sequence[np.ndarray]) -> float:

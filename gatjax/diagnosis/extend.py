@@ -38,16 +38,17 @@ def parameters(judge: Judge, claim: Claim) -> dict[str, float]:
     """A claim's parameters under the catalogue's names, SI; the scored one first."""
     if claim.stance is not None:
         return claim.stance.values
-    case = judge.case
     if claim.lost:
-        pairs = [
-            (mask, command)
-            for k, masks in claim.lost.items()
-            for mask, command in zip(masks, case.commands(k), strict=True)
-        ]
-        return drops.statistics(*zip(*pairs, strict=True))
+        return drops.statistics(*pattern(judge, claim))
     values = claim.hypothesis.values(_driven(judge, claim), claim.own)
     return {name: float(value) for name, value in values.items()}
+
+
+def pattern(judge: Judge, claim: Claim) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Masks [N] and commands [N] rad of a claim that commands got lost, run by run."""
+    lost = claim.lost or {}
+    masks = [mask for masks in lost.values() for mask in masks]
+    return masks, [command for k in lost for command in judge.case.commands(k)]
 
 
 def _driven(judge: Judge, claim: Claim) -> Joint:

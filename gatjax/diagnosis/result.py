@@ -47,9 +47,7 @@ def interval(verdict: Verdict, claim: Claim, seed: int) -> dict[str, dict[str, A
             for name, value in drawn.items():
                 draws[name].append(value)
     elif claim.lost:
-        told = max(best["probability"], 1e-3)
-        half = 1.645 * np.sqrt(told * (1.0 - told) / 400.0)
-        draws["probability"] += [max(told - half, 0.0), told + half]
+        draws["probability"] += drops.within(*extend.pattern(verdict.judge, claim))
     out = {}
     for name, value in best.items():
         low_value, high_value = np.quantile(draws[name], (0.05, 0.95))
