@@ -1,9 +1,12 @@
 """Candidates of diagnosis.json: what was weighed for each cause, and what is left."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from test_diagnosis_plant import joint, wave
 
+from gatjax.diagnosis import drops
 from gatjax.diagnosis.bank import CAUSES, OTHERS
 from gatjax.diagnosis.claims import Claim, Stance
 from gatjax.diagnosis.experiment import sides
@@ -57,6 +60,24 @@ def test_a_candidate_has_its_numbers_and_the_step_it_was_weighed_in():
     }  # fmt: skip
     assert (rival["cause"], rival["step"]) == ("first_order_lag", 1)
     assert (second["cause"], second["step"]) == ("command_delay", 2)
+
+
+def test_lost_commands_are_told_with_what_so_few_bursts_leave_open():
+    lost = np.arange(600) % 100 < 20  # six bursts, a fifth
+    said = verdict([Cause(claim_of(lost), 0.96, [], [])])
+    said.judge.case = SimpleNamespace(commands=lambda k: [np.arange(600.0)])
+    told = cause_rows(said, 0)[0]["parameters"]
+    share = told["probability"]
+    assert share["value"] == pytest.approx(0.2, abs=0.02)
+    assert 0.05 < share["low"] < 0.12 and 0.3 < share["high"] < 0.5
+    assert told["burst"]["value"] == 20.0
+
+
+def claim_of(lost):
+    """A claim that the joint lost commands."""
+    return Claim(drops.LOST, np.zeros(0), (0,), {0: FIT}, 50.0)._replace(
+        lost={0: [lost]}
+    )
 
 
 def test_a_cause_with_several_values_is_one_candidate_of_no_one_size():

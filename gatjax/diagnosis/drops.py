@@ -20,7 +20,6 @@ from gatjax.diagnosis.hypotheses import COUNT, Hypothesis, combined
 from gatjax.diagnosis.joint import STEP, Joint
 from gatjax.diagnosis.motion import cells
 
-ODDS = 4.5  # nats at most that naming one lost tick costs
 FREQUENT = beam.Chances(0.27, 0.73)  # that a search begins with
 BEGINS, ENDS = (0.01, 0.6), (0.1, 0.9)  # least and largest chance while it goes on
 TOLD = 0.75  # quantile of the changes of a command beyond which a loss is seen

@@ -9,7 +9,6 @@ import numpy as np
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.drops import (
     LOST,
-    ODDS,
     ROUNDS,
     Losses,
     bursts,
@@ -21,6 +20,7 @@ from gatjax.diagnosis.hypotheses import combined
 from gatjax.diagnosis.joint import Joint
 
 LONG = 4  # ticks of a burst that may be a loss of power
+EDGE = 4.5  # nats of naming a begin or an end
 EDGES = 3  # rounds in which begins and ends are moved
 MOVES = [
     np.array([begin, end])  # ticks: one of them, or the window as a whole
@@ -85,7 +85,7 @@ def _fitted(
     law = combined(base.hypothesis, UNPOWERED._replace(values=lambda joint, x: told))
     starts = fits.start(now, [(law, x) for x in begins])
     fit = min(fits.improve(now, starts, ROUNDS), key=lambda fit: fit.cost)
-    return Losses(windows, now, fit, 2.0 * ODDS * times)  # begins and ends
+    return Losses(windows, now, fit, 2.0 * EDGE * times)
 
 
 def _moved(found: Losses) -> list[np.ndarray]:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from gatjax.data.trajectories import JointRun
-from gatjax.diagnosis import extend
+from gatjax.diagnosis import drops, extend
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.excerpt import source
 from gatjax.diagnosis.fit import LEFT

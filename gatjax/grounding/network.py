@@ -123,29 +123,37 @@ def _batches(samples: int) -> tuple[int, int, int]:
     return count, size, -(-LEAST_STEPS // count)
 
 
-def _epoch(optimiser: optax.GradientTransformation, fixed: Network):
-    """Return one jitted pass over shuffled minibatches, training the layers only."""
+def _optimiser(samples: int) -> optax.GradientTransformation:
+    """Return what trains on so many samples; its steps shrink to 0 at the last one."""
+    count, _, passes = _batches(samples)
+    steps = count * passes * EPOCHS
+    return optax.adam(optax.cosine_decay_schedule(LEARNING_RATE, steps))
 
-    def loss(layers: tuple, inputs: Array, target: Array) -> Array:
-        network = fixed._replace(weights=layers[0], biases=layers[1])
-        found = jax.vmap(_standard, in_axes=(None, 0))(network, inputs)
-        return jnp.mean((found - target) ** 2)
 
-    @jax.jit
-    def run(layers: tuple, state: Any, inputs: Array, target: Array, key: Array):
-        order = jax.random.permutation(key, len(inputs))
-        count, size, passes = _batches(len(inputs))
-        batches = jnp.tile(order[: count * size].reshape(count, size), (passes, 1))
+@jax.jit
+def _loss(layers: tuple, fixed: Network, inputs: Array, target: Array) -> Array:
+    network = fixed._replace(weights=layers[0], biases=layers[1])
+    found = jax.vmap(_standard, in_axes=(None, 0))(network, inputs)
+    return jnp.mean((found - target) ** 2)
 
-        def step(carry: tuple, chosen: Array) -> tuple:
-            layers, state = carry
-            gradient = jax.grad(loss)(layers, inputs[chosen], target[chosen])
-            updates, state = optimiser.update(gradient, state)
-            return (optax.apply_updates(layers, updates), state), None
 
-        return jax.lax.scan(step, (layers, state), batches)[0]
+@jax.jit
+def _epoch(
+    layers: tuple, state: Any, fixed: Network, inputs: Array, target: Array, key: Array
+) -> tuple[tuple, Any]:
+    """One pass over shuffled minibatches, training the layers only."""
+    order = jax.random.permutation(key, len(inputs))
+    count, size, passes = _batches(len(inputs))
+    batches = jnp.tile(order[: count * size].reshape(count, size), (passes, 1))
+    optimiser = _optimiser(len(inputs))
 
-    return run, jax.jit(loss)
+    def step(carry: tuple, chosen: Array) -> tuple:
+        layers, state = carry
+        gradient = jax.grad(_loss)(layers, fixed, inputs[chosen], target[chosen])
+        updates, state = optimiser.update(gradient, state)
+        return (optax.apply_updates(layers, updates), state), None
+
+    return jax.lax.scan(step, (layers, state), batches)[0]
 
 
 def train(
@@ -186,18 +194,14 @@ def regress(
     )
     data = [jnp.asarray(array, jnp.float32) for array in (inputs, target)]
     (train_x, test_x), (train_y, test_y) = ((d[fit], d[test]) for d in data)
-    count, _, passes = _batches(len(train_x))
-    steps = count * passes * EPOCHS
-    optimiser = optax.adam(optax.cosine_decay_schedule(LEARNING_RATE, steps))
-    run, loss = _epoch(optimiser, network)
-    layers = (network.weights, network.biases)
-    state = optimiser.init(layers)
-    best, best_loss, waited, epoch = layers, float(loss(layers, test_x, test_y)), 0, 0
-    linear = network
+    layers, linear = (network.weights, network.biases), network
+    state = _optimiser(len(train_x)).init(layers)
+    best, waited, epoch = layers, 0, 0
+    best_loss = float(_loss(layers, linear, test_x, test_y))
     for epoch in range(EPOCHS):
         key = jax.random.fold_in(jax.random.key(seed), epoch)
-        layers, state = run(layers, state, train_x, train_y, key)
-        now = float(loss(layers, test_x, test_y))
+        layers, state = _epoch(layers, state, linear, train_x, train_y, key)
+        now = float(_loss(layers, linear, test_x, test_y))
         waited = 0 if now < best_loss else waited + 1
         if now < best_loss:
             best, best_loss = layers, now
