@@ -22,6 +22,7 @@ from gatjax.diagnosis.motion import cells
 
 FREQUENT = beam.Chances(0.27, 0.73)  # that a search begins with
 BEGINS, ENDS = (0.01, 0.6), (0.1, 0.9)  # least and largest chance while it goes on
+ODDS = 4.5  # nats of naming one tick, whatever else is known of it
 TOLD = 0.75  # quantile of the changes of a command beyond which a loss is seen
 FEW = 60  # changes: of fewer a share tells little, and smaller ones count too
 SURE = 1.645  # deviations of a normal variable that hold 90 %

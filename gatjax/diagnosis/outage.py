@@ -9,6 +9,7 @@ import numpy as np
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.drops import (
     LOST,
+    ODDS,
     ROUNDS,
     Losses,
     bursts,
@@ -20,8 +21,7 @@ from gatjax.diagnosis.hypotheses import combined
 from gatjax.diagnosis.joint import Joint
 
 LONG = 4  # ticks of a burst that may be a loss of power
-EDGE = 4.5  # nats of naming a begin or an end
-EDGES = 3  # rounds in which begins and ends are moved
+PASSES = 3  # rounds in which begins and ends are moved
 MOVES = [
     np.array([begin, end])  # ticks: one of them, or the window as a whole
     for begin in range(-2, 3) for end in range(-2, 3)
@@ -50,7 +50,7 @@ def outage(
     if not any(window.any() for window in windows):
         return None
     best = _fitted(joint, base, commands, windows, [base.x, losses.fit.x])
-    for _ in range(EDGES):
+    for _ in range(PASSES):
         windows = _moved(best)
         now = _fitted(joint, base, commands, windows, [best.fit.x])
         if now.fit.cost >= best.fit.cost:
@@ -85,7 +85,7 @@ def _fitted(
     law = combined(base.hypothesis, UNPOWERED._replace(values=lambda joint, x: told))
     starts = fits.start(now, [(law, x) for x in begins])
     fit = min(fits.improve(now, starts, ROUNDS), key=lambda fit: fit.cost)
-    return Losses(windows, now, fit, 2.0 * EDGE * times)
+    return Losses(windows, now, fit, 2.0 * ODDS * times)  # begins and ends
 
 
 def _moved(found: Losses) -> list[np.ndarray]:
