@@ -124,6 +124,8 @@ def test_no_answer_is_neither_right_nor_an_alarm():
     alarms = scored([one, quiet])["false alarms"]
     assert (alarms.value, alarms.count) == (0.0, 1)
     assert scored([one])["no answer"].value == 1.0
+    (row,) = scores.groups([one, quiet], "robot")
+    assert (row["alarms"].value, row["alarms"].count) == (0.0, 1)
 
 
 @pytest.mark.parametrize("verdict", ["named", "ambiguous", "unknown"])
@@ -223,6 +225,18 @@ def test_confusion_counts_what_was_said():
     assert rows == ["coulomb_friction", "none", "outside"]
     assert columns == ["coulomb_friction", "dead_band", "none", "unknown"]
     np.testing.assert_array_equal(counts, [[1, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+
+
+def test_what_logs_cannot_tell_apart_was_not_mistaken(tmp_path):
+    late = case(effects=[effect("command_delay", value=0.02, parameter="delay")])
+    alias = said("measurement_delay", value=0.02, parameter="delay")
+    marks = [
+        mark(late, answer("named", alias)),
+        mark(late, answer("named", said("dead_band"))),
+    ]
+    assert tables._confusions(marks[:1]) == "Nothing was mistaken."
+    text = tables._confusions(marks)
+    assert "dead_band" in text and "1 of 2" in text and "measurement" not in text
 
 
 def test_effects_too_small_to_see_are_not_in_the_main_score(tmp_path):

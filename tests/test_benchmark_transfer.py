@@ -76,6 +76,11 @@ def test_the_papers_columns():
     assert one.falls.mean == pytest.approx(0.3)
 
 
+def test_the_winner_of_a_trial_that_failed_does_not_count():
+    one = line("gat", [found(10.0, 1, 8.0, 0), found(-1.0, 1, 2.0, 0)])
+    assert (one.failures, one.stood, one.confirmed.mean) == (1, 1, 8.0)
+
+
 def test_a_method_that_always_fails_has_no_gain():
     one = line("none", [found(None)] * 3)
     assert math.isnan(one.gain.mean)

@@ -259,6 +259,14 @@ def test_ctrl_c_leaves_an_earlier_diagnosis(capsys, monkeypatch, tmp_path):
     assert main(given) == 130
     assert f"{tmp_path} keeps the earlier diagnosis" in capsys.readouterr().err
 
+    def late(verb):
+        (tmp_path / "diagnosis.json").unlink()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(verbs, "act", late)
+    assert main(given) == 130
+    assert f"in {tmp_path} was being replaced" in capsys.readouterr().err
+
 
 def test_numbers_that_fail_are_no_mistake_of_the_user(capsys, monkeypatch):
     def fail(verb):

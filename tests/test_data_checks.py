@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from gatjax.data.checks import findings, same_commands, same_data, summary, trusted
 from gatjax.data.finding import Finding
@@ -351,6 +352,19 @@ def test_turned_sign_swapped_columns_and_shift_are_refused():
     assert [each.level for each in ahead] == ["refuse"] * 2
     assert early[0].values["hip"] == pytest.approx(-0.12, abs=0.011)
     assert found(log(delay=0.1), "shifted") == []
+
+
+def test_a_servo_that_lags_long_is_no_clock_that_differs():
+    time = np.arange(0.0, 20.0, 0.02)
+    command = 0.6 * np.sin(2 * np.pi * 0.4 * time)
+    position = lfilter([1.0 - np.exp(-0.04)], [1.0, -np.exp(-0.04)], command)  # 0.5 s
+    columns = {"command.hip": command, "position.hip": position}
+    late = Recording("late.csv", time, np.zeros(len(time), int), columns, {})
+    (found_late,) = found(late, "shifted")
+    assert found_late.level == "warning" and "a slow servo, or" in found_late.text
+    moved = np.interp(time - 0.4, time, command)
+    (moved,) = found(changed(late, **{"position.hip": moved}), "shifted")
+    assert moved.level == "refuse" and "different clocks" in moved.text
 
 
 def test_clock_that_drifts_is_not_refused():

@@ -122,14 +122,15 @@ def test_a_grounding_is_used_at_its_own_rate_only(tmp_path):
     grounded(nominal(), example())  # one that does not say
 
 
-def test_a_grounding_of_a_joint_at_rest_can_be_read_again(tmp_path):
+@pytest.mark.parametrize("method", ["guided", "sgat"])
+def test_a_grounding_of_a_joint_at_rest_can_be_read_again(tmp_path, method):
     time = 0.02 * np.arange(120)
     runs = []
     for number in range(4):
         command = np.stack([0.3 * np.sin(5.0 * time + number), 0.0 * time], 1)
         runs.append(JointRun(number, time, command, 0.8 * np.roll(command, 1, 0)))
     given = Experience(runs, runs, None, None, None, None, 0, print)
-    made = Grounding("guided", *METHODS["guided"].learn(given))
+    made = Grounding(method, *METHODS[method].learn(given))
     write_grounding(tmp_path, made._replace(joints=("moves", "rests")))
     found = read_grounding(tmp_path).params
     np.testing.assert_array_equal(

@@ -6,8 +6,8 @@ import pytest
 
 from gatjax.data.trajectories import JointRun, to_arrays, to_recording
 from gatjax.effects.effect import chain
+from gatjax.grounding import dagger, prediction
 from gatjax.grounding import learn as grounders
-from gatjax.grounding import prediction
 from gatjax.grounding.envelope import Envelope
 from gatjax.grounding.gat import next_angle_of
 from gatjax.grounding.network import predict, train
@@ -61,10 +61,16 @@ def velocity(world, grounding):
     return float(result.velocity.mean()), int(np.isfinite(result.fell_at).sum())
 
 
+@pytest.fixture(scope="module")
+def plain(world):
+    """Speed of the world by itself, m/s."""
+    return velocity(world, grounders.Grounding("none", (), {}))[0]
+
+
 @pytest.mark.parametrize("method", ["none", "envelope", "gat", "sgat", "sensing"])
-def test_identical_robot_teaches_the_identity(method, world, logs):
+def test_identical_robot_teaches_the_identity(method, world, logs, plain, tmp_path):
     grounding = learn_grounding(world, method, logs["twin"], logs["simulator"], 0)
-    plain, _ = velocity(world, grounders.Grounding("none", (), {}))
+    survives(grounding, tmp_path)
     speed, falls = velocity(world, grounding)
     assert falls == 0
     assert speed == pytest.approx(plain, abs=0.01)
@@ -86,10 +92,12 @@ def test_identical_robot_teaches_the_identity(method, world, logs):
     assert rms < np.deg2rad(0.25)
 
 
-def test_guided_is_no_identity_because_its_assumption_fails_here(world, logs):
+def test_guided_is_no_identity_because_its_assumption_fails_here(
+    world, logs, plain, tmp_path
+):
     """Farchy et al. assume that a command is reached in one tick; ours takes longer."""
     grounding = learn_grounding(world, "guided", logs["twin"], logs["simulator"], 0)
-    plain, _ = velocity(world, grounders.Grounding("none", (), {}))
+    survives(grounding, tmp_path)
     speed, falls = velocity(world, grounding)
     assert falls > 0 or abs(speed - plain) > 0.02
 
@@ -148,17 +156,23 @@ def test_a_log_without_the_torso_pose_will_do(world, logs):
     assert found[1] < np.deg2rad(1.0)
 
 
-@pytest.mark.parametrize(
-    "method", [name for name, way in grounders.METHODS.items() if way.needs is None]
-)  # the others: tests/test_rl.py
-def test_a_grounding_survives_its_folder(method, world, logs, tmp_path):
-    grounding = learn_grounding(world, method, logs["late"], logs["simulator"], 0)
+def survives(grounding, folder):
+    """Whatever was learned is read as it was written."""
     grounding = grounders.with_alpha(grounding, 0.7)
-    grounders.write_grounding(tmp_path, grounding)
-    again = grounders.read_grounding(tmp_path)
-    assert again.method == method
+    grounders.write_grounding(folder, grounding)
+    again = grounders.read_grounding(folder)
+    assert again.method == grounding.method
     jax.tree.map(np.testing.assert_array_equal, again.params, grounding.params)
-    chain(grounding=grounders.METHODS[method].effect(WALKING))
+    chain(grounding=grounders.METHODS[grounding.method].effect(WALKING))
+
+
+def test_dagger_plays_in_its_world_and_survives_its_folder(
+    world, logs, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(dagger, "ROUNDS", 1)
+    grounding = learn_grounding(world, "dagger", logs["late"], logs["simulator"], 0)
+    assert len(grounding.facts["rounds"]) == 2
+    survives(grounding, tmp_path)
 
 
 def test_a_broken_grounding_folder_is_one_line(tmp_path, world, logs):

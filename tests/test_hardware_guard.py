@@ -3,6 +3,7 @@
 import os
 import signal
 from functools import cache
+from types import SimpleNamespace
 
 import hardware_runs as runs
 import numpy as np
@@ -102,6 +103,26 @@ def held():
     """A robot in its hands: its link and its first frame."""
     link = Direct(SimulatedNao("stiff", 0, 0))
     return link, link.receive(0.0)
+
+
+@pytest.mark.parametrize("missing", [0, 1, 3])
+def test_a_sleep_is_seen_where_frames_were_missing_before_it(missing):
+    _, first = held()
+    guard = Guard(first, SimpleNamespace(realtime=True, clocked=True, period=0.012))
+
+    def later(seconds, ticks):
+        at = first.received + seconds
+        return first._replace(received=at, time=first.time + 0.012 * ticks)
+
+    assert guard.see(later(0.012, 1)) is not None
+    for _ in range(missing):
+        guard.see(None)
+    guard.see(later(0.012 * (2 + missing), 2 + missing))
+    assert guard.mode is Mode.FOLLOW and guard.why == ""
+    for _ in range(missing):
+        guard.see(None)
+    guard.see(later(2.0, 4 + 2 * missing))
+    assert guard.mode is Mode.RELEASED and "ms after the one before" in guard.why
 
 
 @given(

@@ -260,7 +260,7 @@ def test_a_log_never_writes_over_another_and_notes_places(tmp_path):
     (tmp_path / "frames_007.csv").write_text("mine")
     link = Direct(SimulatedNao("stiff", 0, 0))
     seen: Frame = link.receive(0.0)
-    log = Log(tmp_path, "lola", 0.012)
+    log = Log(tmp_path, "lola", "fixed", 0.012)
     assert log.path.name == "frames_008.csv"
     command = type("C", (), {"target": np.zeros(25), "stiffness": np.zeros(25)})
     log.add(0, seen, command, 1.0)

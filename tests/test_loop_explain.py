@@ -328,24 +328,25 @@ def pair(run, robot, tmp_path, monkeypatch):
     return build
 
 
-@pytest.mark.parametrize(
-    ("cores", "memory", "count"),
-    [(1, math.inf, 0), (64, 7e9, 0), (2, 9e9, 2)],
-)
-def test_trials_are_diagnosed_side_by_side_where_the_machine_suffices(
-    cores, memory, count, pair
-):
+@pytest.mark.parametrize(("cores", "memory"), [(1, math.inf), (64, 7e9)])
+def test_trials_are_diagnosed_in_turn_where_the_machine_is_small(cores, memory, pair):
     found = Diagnosis(command_delay=DELAY)
     trials, _, work = pair(found)
-    ahead = explain.ahead(trials, cores, memory)
-    assert ahead == {each.folder for each in trials[:count]}
-    assert (len(found.given), InTurn.counts) == (count, [2] * (count > 0))
+    assert explain.ahead(trials, cores, memory) == set()
+    assert (found.given, InTurn.counts, work) == ([], [], [])
+
+
+def test_trials_are_diagnosed_side_by_side_where_the_machine_suffices(pair):
+    found = Diagnosis(command_delay=DELAY)
+    trials, _, work = pair(found)
+    assert explain.ahead(trials, 2, 9e9) == {each.folder for each in trials}
+    assert (len(found.given), InTurn.counts) == (2, [2])
     for each in trials:
-        assert explain.explained(each, 1.0 if each.folder in ahead else 0.0)
+        assert explain.explained(each, 1.0)
     assert len(found.given) == 2
     assert sum(work) == pytest.approx(2 * DIAGNOSIS_UNIT)
-    assert explain.ahead(trials, cores, memory) == set()  # they are done
-    assert len(InTurn.counts) == (count > 0)
+    assert explain.ahead(trials, 2, 9e9) == set()  # they are done
+    assert len(InTurn.counts) == 1
 
 
 def test_what_cannot_be_diagnosed_ahead_is_told_once(pair):

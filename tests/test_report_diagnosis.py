@@ -393,6 +393,27 @@ def test_a_cause_with_several_values_has_one_card(tmp_path):
         assert text in card
 
 
+def test_what_was_weighed_is_told_of_its_own_step(tmp_path):
+    def row(name, joints, **more):
+        return {
+            "cause": name, "variant": "", "where": joints, "parameters": {},
+            "probability": 0.97, "equivalent": [], "log_evidence": 9.0, "rms": 0.01,
+        } | more  # fmt: skip
+
+    one, two = (row("coulomb_friction", [joint]) for joint in ("hip", "knee"))
+    gap = row("backlash", ["toe"])
+    weighed = [
+        row("coulomb_friction", ["hip", "knee"], step=1),
+        gap | {"step": 2},
+        row("dead_band", ["toe"], step=2, probability=0.1, log_evidence=8.0),
+        row("payload", ["hip"], step=3, probability=None),
+    ]
+    page = edited(tmp_path, causes=[one, two, gap], candidates=weighed)
+    assert "nearly as good as backlash at toe" in page
+    assert "Weighed besides, not named" in page and "Cause 3" not in page
+    assert page.count("<td>named</td>") == 2 and "explains or changes too" in page
+
+
 def test_sizes_that_show_are_told_in_their_direction(pages):
     text = Text(pages["named"]).all
     assert "below 0.93" in text and "below 8.97 N m" in text and "3 ms" in text

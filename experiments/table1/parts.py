@@ -142,4 +142,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except (ValueError, OSError) as wrong:
+        raise SystemExit(f"parts.py: {wrong}") from None

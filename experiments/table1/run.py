@@ -89,17 +89,14 @@ def main() -> None:
     """Run trial after trial and write the table after each of them."""
     told = asked()
     use_compile_cache()
-    try:
-        settings = resolved(
-            dataclasses.replace(
-                with_methods(SIZES[told.size], told.methods),
-                candidates=tuple(told.candidates),
-                backend=told.backend,
-                impl=told.impl,
-            )
+    settings = resolved(
+        dataclasses.replace(
+            with_methods(SIZES[told.size], told.methods),
+            candidates=tuple(told.candidates),
+            backend=told.backend,
+            impl=told.impl,
         )
-    except ValueError as wrong:
-        raise SystemExit(f"run.py: {wrong}") from None
+    )
     # On mjx trials are worlds of one compiled call, so all of a robot go together.
     rounds = [told.trials] if settings.backend == "mjx" else [[t] for t in told.trials]
     for trials in rounds:
@@ -116,4 +113,7 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except (ValueError, OSError) as wrong:
+        raise SystemExit(f"run.py: {wrong}") from None

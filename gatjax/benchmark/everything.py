@@ -120,6 +120,8 @@ def _parameter(joint: Joint, number: Number, value: float) -> float:
     """A number as the catalogue counts it: factor, added amount, or as it is."""
     if number.cause in ("gain_error", "damping_error"):
         return value / joint.nominal[number.field]
+    if number.field == "delay":
+        return value - TRANSPORT
     if number.field in ("damping", "friction", "armature"):
         return value - joint.nominal[number.field]
     return value

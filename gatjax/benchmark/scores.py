@@ -124,8 +124,8 @@ def groups(marks: Sequence[Mark], field: str) -> list[dict[str, Any]]:
                 "cases": len(some),
                 "right": rate("right", (_fits(m) for m in some)),
                 "joint": rate("joint", (m.joint for m in single)),
-                "alarms": rate("alarms", (m.verdict not in ("none", "failed")
-                               for m in some if m.kind == "null")),
+                "alarms": rate("alarms", (m.verdict != "none" for m in some
+                               if m.kind == "null" and m.verdict != "failed")),
                 "error": number("error", (m.error for m in single)),
                 "covered": rate("covered", (m.covered > 0.5 for m in single
                                 if math.isfinite(m.covered))),

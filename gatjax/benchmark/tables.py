@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -128,15 +129,21 @@ def _reliability_table(marks: Sequence[Mark]) -> str:
 
 
 def _confusions(marks: Sequence[Mark]) -> str:
-    """The wrong cells of the confusion matrix, most frequent first."""
+    """The wrong cells of the confusion matrix, most frequent first.
+
+    What logs cannot tell from the truth is not wrong.
+    """
     rows, columns, counts = scores.confusion(marks)
+    single = [m for m in marks if m.right and m.kind != "pair"]
+    accepted = Counter((m.truth, m.first) for m in single)
     right = {"outside": "unknown"}
     found: list[tuple[int, Any]] = []
     for r, row in enumerate(rows):
         for c, column in enumerate(columns):
-            if counts[r, c] and column != right.get(row, row):
-                cell = (row, column, f"{counts[r, c]} of {counts[r].sum()}")
-                found.append((int(counts[r, c]), cell))
+            count = int(counts[r, c]) - accepted[row, column]
+            if count and column != right.get(row, row):
+                cell = (row, column, f"{count} of {counts[r].sum()}")
+                found.append((count, cell))
     found.sort(key=lambda each: -each[0])
     if not found:
         return "Nothing was mistaken."

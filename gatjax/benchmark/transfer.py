@@ -118,15 +118,15 @@ class Line(NamedTuple):
     useful: Interval  # %, mean over all trials, 0 for one that failed
     failures: int
     generation: float  # mean, of the trials that did not fail
-    stood: int  # winners that also stood all their fresh walks and were faster there
-    confirmed: Interval  # %, gain of all winners on fresh walks
+    stood: int  # of these, winners that stood all fresh walks and were faster there
+    confirmed: Interval  # %, gain of these winners on fresh walks
     falls: Interval  # share of all candidates' walks after the first generation
 
 
 def line(method: str, found: Sequence[Found], seed: int = 0) -> Line:
     """Sum up one method's trials."""
     good = [each for each in found if not each.failed]
-    again = [each.confirmed for each in found if each.confirmed is not None]
+    again = [each.confirmed for each in good if each.confirmed is not None]
     fell, walks = sum(e.falls for e in found), sum(e.walks for e in found)
     return Line(
         method=method,
@@ -135,7 +135,7 @@ def line(method: str, found: Sequence[Found], seed: int = 0) -> Line:
         useful=mean([each.useful for each in found], seed),
         failures=len(found) - len(good),
         generation=mean([float(e.generation or 0) for e in good], seed).mean,
-        stood=sum(e.confirmed_falls == 0 and (e.confirmed or 0.0) > 0 for e in found),
+        stood=sum(e.confirmed_falls == 0 and (e.confirmed or 0.0) > 0 for e in good),
         confirmed=mean(again, seed),
         falls=share_interval(fell, walks) if walks else mean([]),
     )

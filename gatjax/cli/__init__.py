@@ -119,5 +119,7 @@ def _kept(chosen: Any, before: set[Path]) -> str:
             return f"its frames are in {chosen.out.with_suffix('')}"
         return "the same command goes on after the walks that are there"
     if isinstance(chosen, Diagnose) and before:
+        if not _runs(chosen):
+            return f"the earlier diagnosis in {chosen.out} was being replaced"
         return f"{chosen.out} keeps the earlier diagnosis"
     return "nothing was kept"

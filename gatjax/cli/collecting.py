@@ -75,8 +75,9 @@ def playing_at(rate_hz: float, robot: str) -> Task:
     """Return the task of playing motions: a simulation does it at any rate."""
     if robot != "simulator" or rate_hz in RATES:
         return task_at(rate_hz)
-    if not 10.0 <= rate_hz <= 1000.0:
-        raise ValueError(f"--rate-hz is {rate_hz:g}; motions take 10 to 1000 Hz")
+    if not motions.SLOWEST <= rate_hz <= 1000.0:
+        low = f"{motions.SLOWEST:g}"
+        raise ValueError(f"--rate-hz is {rate_hz:g}; motions take {low} to 1000 Hz")
     return Task(control_period=1.0 / rate_hz)
 
 

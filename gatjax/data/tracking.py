@@ -17,6 +17,7 @@ LATEST = 0.3  # s, servos answer sooner
 EARLIEST = -0.05  # s, readings cannot lead their command by more
 ALIKE = 0.7  # correlation that counts as the same motion
 UNLIKE = 0.4  # correlation that does not
+SLACK = 0.05  # of its motion by which a late joint may miss it, if only clocks differ
 APART = 0.1  # s between the halves of a run: no shift but a clock that drifts
 REPEATS = 0.02  # of correlation by which a lag that no servo has must be better
 LIVELY = 0.01  # rad rms of fast motion that a shift may be read from
@@ -58,7 +59,7 @@ def check_tracking(
     alike = _correlation(command, position, period)  # [J command, J position, 2]
     found: list[Finding] = []
     lags: dict[str, Shifts] = {}
-    slopes: dict[str, float] = {}
+    slopes, reach = {}, {}
     for k in np.flatnonzero(moved).tolist():
         joint, own = joints[k], alike[k, k]
         others = np.where(moved, alike[:, k, 1], -1.0)
@@ -78,9 +79,11 @@ def check_tracking(
             found.append(Finding("refuse", "swapped", text, {joint: float(own[1])}))
         else:
             lags[joint] = _shifts(command[:, k], position[:, k], period)
+            reach[joint] = float(np.std(position[:, k]) / np.std(command[:, k]))
             if own[1] > ALIKE:
-                slopes[joint] = float(np.std(position[:, k]) / np.std(command[:, k]))
-    return [*found, *_units(recording, slopes), *_delays(recording, lags, period)]
+                slopes[joint] = reach[joint]
+    late = _delays(recording, lags, reach, period)
+    return [*found, *_units(recording, slopes), *late]
 
 
 def check_repeats(
@@ -178,9 +181,14 @@ def _shifts(command: np.ndarray, position: np.ndarray, period: float) -> Shifts:
 
 
 def _delays(
-    recording: Recording, lags: dict[str, Shifts], period: float
-) -> list[Finding]:
-    """Words for the delays of all joints, and for those no servo has."""
+    recording: Recording, lags: dict[str, Shifts], reach: dict[str, float],
+    period: float,
+) -> list[Finding]:  # fmt: skip
+    """Words for the delays of all joints, and for those that few servos have.
+
+    A servo that lags so much, or a limit of its speed, takes some of the motion away;
+    clocks that differ do not.
+    """
     known = {
         joint: each.whole for joint, each in lags.items() if each.whole is not None
     }
@@ -196,12 +204,16 @@ def _delays(
         way = "after" if lag > 0 else "before"
         text = f"{recording.name}: column 'position.{joint}' moves {abs(lag):.2g} s "
         text += f"{way} its command; "
+        slow = lag > LATEST and abs(reach[joint] - 1.0) > SLACK
         if lags[joint].drift > APART:
             text += f"{lags[joint].drift:.2g} s more in one half of the log than in "
             text += "the other: the clocks of commands and positions run apart"
+        elif slow:
+            text += f"and {reach[joint]:.2f} times as far: a slow servo, or clocks "
+            text += "that differ"
         else:
             text += "commands and positions come from different clocks, align them"
-        constant = abs(lag) > LATEST and lags[joint].drift <= APART
+        constant = abs(lag) > LATEST and lags[joint].drift <= APART and not slow
         level: Level = "refuse" if constant else "warning"
         found.append(Finding(level, "shifted", text, {joint: lag}))
     return found

@@ -159,7 +159,7 @@ def error_soon(
     tell of: later predictions blame them for it.
     """
     error = _wrong(backend, values, windows, round(SOON / seconds))
-    square = np.mean(error[..., WALKING] ** 2, axis=(0, 1)).sum()
+    square = np.mean(error[..., WALKING] ** 2)
     return float(np.sqrt(square)) if np.isfinite(square) else np.inf
 
 

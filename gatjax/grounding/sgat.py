@@ -32,6 +32,7 @@ from gatjax.grounding.transitions import HISTORY, transitions
 
 Array = Any
 FLOOR = 1e-5  # rad, added to errors whose logarithm is taken
+LEAST = 1e-3  # of what f_sigma says: a joint at rest has no deviation at all
 GAUSSIAN = 0.6351814  # -E[log |z|] of a standard normal z
 
 
@@ -68,7 +69,7 @@ def learn_spread(forward: Network, experience: Experience) -> tuple[Network, dic
     spread, fit = regress(inputs, logs, unseen, experience.seed)
     told = np.exp(raw_many(spread, inputs[unseen]))
     scale = np.sqrt(np.mean((error[unseen] / told) ** 2, axis=0))
-    mean = spread.output_mean + np.log(scale)
+    mean = spread.output_mean + np.log(np.maximum(scale, LEAST))
     facts = {"deviation_rad": float(np.sqrt(np.mean((told * scale) ** 2)))}
     return spread._replace(output_mean=jnp.asarray(mean, jnp.float32)), {
         **facts, "epochs": fit.epochs,

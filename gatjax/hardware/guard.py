@@ -83,7 +83,7 @@ class Guard:
         self.wanted = ""  # why it should not go on after it is done, if it should not
         self._frame, self._reading = first, first.reading
         self._chest = first.chest
-        self._came: float | None = first.received  # s, None if a frame did not come
+        self._came: float | None = first.received  # s, None if frames do not come
         self._bad = self._silent = self._tipped = self._limp = 0  # frames in a row
         # Of joints, gyroscope and accelerometer, since they last said something new:
         self._span = np.tile(self.sent, (2, 1))  # [2, J] rad, least and largest target
@@ -121,7 +121,10 @@ class Guard:
         if frame is not None:
             self._alarm(frame)
             self._time(frame)
-        self._came = None if frame is None else frame.received
+            self._came = frame.received
+        elif self._came is not None:  # it looked for one meanwhile
+            few = self._bad < self.limits.patience
+            self._came = self._came + self.period if few else None
         wrong = self._wrong(frame)
         if wrong is None and frame is not None:
             if self._bad * self.period > self.limits.gap:
@@ -166,7 +169,7 @@ class Guard:
 
     def _time(self, frame: Frame) -> None:
         """Look whether this process slept, and how long."""
-        if self._came is None or not self.realtime:  # it looked for frames meanwhile
+        if self._came is None or not self.realtime:
             return
         late = frame.received - self._came
         why = f"a frame came {1e3 * late:.0f} ms after the one before"

@@ -46,15 +46,15 @@ class Log:
     was, in the frames in which somebody knew.
     """
 
-    def __init__(self, folder: Path, robot: str, period: float) -> None:
-        """Begin a log in a folder.
+    def __init__(self, folder: Path, robot: str, base: str, period: float) -> None:
+        """Begin a log in a folder, of a robot whose base is floating or fixed.
 
         Raises:
             OSError: one line: it cannot be written.
         """
         number = 1 + max(map(_number, folder.glob("*_*.csv")), default=-1)
         self.path = folder / f"frames_{number:03}.csv"
-        notes = {"robot": robot, "base": "floating", "rate_hz": round(1.0 / period, 4)}
+        notes = {"robot": robot, "base": base, "rate_hz": round(1.0 / period, 4)}
         self._files = []
         heads = {"frames": columns(), "between": columns(), "place": PLACE}
         for name, head in heads.items():

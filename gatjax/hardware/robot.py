@@ -34,6 +34,8 @@ SLOW = 0.5  # of the time for an answer, that the walk engine may need in the mi
 class Hardware:
     """A robot behind a link; see `gatjax.surrogate.Robot` for what it offers."""
 
+    base = "floating"  # or fixed: what its logs say
+
     def __init__(self, address: str, folder: Path, attendant: Attendant) -> None:
         """Look whether a robot is there; `folder` gets its frames and finished walks.
 
@@ -187,7 +189,7 @@ class Hardware:
         make_folder(self.folder)
         with closing(open_link(self.address)) as link:
             session = Session(link)
-            session.log = Log(self.folder, self.name, self.period)
+            session.log = Log(self.folder, self.name, self.base, self.period)
             try:
                 with interruptible(session.stop), unhindered():
                     yield from self._held(session)
@@ -270,6 +272,8 @@ class Hardware:
 
 class HungHardware(Hardware):
     """The same robot, hung up by its torso: it plays motions and cannot fall."""
+
+    base = "fixed"
 
     def limbs(self) -> Limbs:
         """Return what a motion must know of it."""

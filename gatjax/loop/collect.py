@@ -10,7 +10,7 @@ import jax
 import numpy as np
 
 from gatjax.data.recording import Recording, read_recording, write_recording
-from gatjax.data.trajectories import to_recording
+from gatjax.data.trajectories import at_rate, to_recording
 from gatjax.loop.play import Play, Player, played, record_motion, recorded
 from gatjax.loop.setting import (
     ROBOT_UNIT,
@@ -23,7 +23,7 @@ from gatjax.settings import EXPLANATION, ROBOT_LOG, SIMULATOR_LOG, seeds
 
 
 def collect(setting: Setting, robot: Robot, name: str, theta: Array) -> Recording:
-    """Record walks with one policy, once.
+    """Record walks with one policy, once; where frames were lost they are cut.
 
     Robot and simulator draw from seeds of their own: they share no random numbers.
     """
@@ -41,7 +41,10 @@ def collect(setting: Setting, robot: Robot, name: str, theta: Array) -> Recordin
         write_recording(path, to_recording(trajectory, robot.name, rate, notes))
         if real:
             setting.progress.work(ROBOT_UNIT * count)
-    return read_recording(path)
+    recording, gaps = at_rate(read_recording(path), setting.task.control_period)
+    if gaps:
+        setting.progress.stage(f"{name}: cut at {gaps} gaps in time")
+    return recording
 
 
 def collect_motion(

@@ -24,6 +24,7 @@ MARGIN = 0.03  # rad that stay free before a joint limit
 APPROACH = 0.8  # s at least, from home to the middle and back
 HUNG = 0.6  # reach of a robot that can not fall
 SHORTEST = 4.0  # s, the least length of a pattern
+SLOWEST = 20.0  # Hz, at which a motion still is smooth
 PEAK = 15.0 / 8.0  # top speed of `patterns.smooth`, of distance per time
 
 
@@ -130,8 +131,9 @@ def _check(limbs: Limbs, rate_hz: float, reach: float) -> None:
     """Refuse what no motion can be made of."""
     if not 0.0 < reach <= 1.0:
         raise ValueError(f"reach is {reach:g}; use more than 0, at most 1")
-    if not rate_hz >= 20.0:
-        raise ValueError(f"a motion at {rate_hz:g} Hz is not smooth; use 20 or more")
+    if not rate_hz >= SLOWEST:
+        low = f"{SLOWEST:g}"
+        raise ValueError(f"a motion at {rate_hz:g} Hz is not smooth; use {low} or more")
     low, high = np.asarray(limbs.limits).T
     for name, home, least, most, speed in zip(
         limbs.names, limbs.home, low, high, limbs.speed

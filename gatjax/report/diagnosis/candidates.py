@@ -45,7 +45,7 @@ def candidate_table(diagnosis: Diagnosis) -> str:
 def _group(group: list[Cause], number: int, diagnosis: Diagnosis) -> str:
     """What was weighed for one cause, the best few; or beside all of them."""
     first, causes = group[0], diagnosis.causes
-    named = causes[first.step - 1] if 0 < first.step <= len(causes) else None
+    named = next((cause for cause in causes if _names(cause, first)), None)
     words = "Weighed besides, not named" if causes else "Weighed, not named"
     if named is not None:
         words = f"Cause {number}"
@@ -57,6 +57,13 @@ def _group(group: list[Cause], number: int, diagnosis: Diagnosis) -> str:
         for each in group[:SHOWN]
     )
     return f"<tbody><tr><th colspan=6>{words}</th></tr>{rows}</tbody>"
+
+
+def _names(cause: Cause, first: Cause) -> bool:
+    """Whether a cause, or one of its values, is what a step ended with."""
+    same = (cause.name, cause.variant) == (first.name, first.variant)
+    there = not set(cause.where).isdisjoint(first.where)
+    return same and there and math.isfinite(first.probability)
 
 
 def _row(each: Cause, why: str, first: bool) -> str:
