@@ -356,13 +356,14 @@ def test_turned_sign_swapped_columns_and_shift_are_refused():
 
 def test_a_servo_that_lags_long_is_no_clock_that_differs():
     time = np.arange(0.0, 20.0, 0.02)
-    command = 0.6 * np.sin(2 * np.pi * 0.4 * time)
-    position = lfilter([1.0 - np.exp(-0.04)], [1.0, -np.exp(-0.04)], command)  # 0.5 s
+    command = 0.6 * np.sin(2 * np.pi * 0.3 * time) + 0.1 * np.sin(2.2 * time)
+    keep = np.exp(-0.02 / 0.6)  # 0.6 s
+    position = lfilter([1.0 - keep], [1.0, -keep], command)
     columns = {"command.hip": command, "position.hip": position}
     late = Recording("late.csv", time, np.zeros(len(time), int), columns, {})
     (found_late,) = found(late, "shifted")
     assert found_late.level == "warning" and "a slow servo, or" in found_late.text
-    moved = np.interp(time - 0.4, time, command)
+    moved = np.interp(time - 0.6, time, command)
     (moved,) = found(changed(late, **{"position.hip": moved}), "shifted")
     assert moved.level == "refuse" and "different clocks" in moved.text
 

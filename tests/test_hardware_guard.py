@@ -105,7 +105,7 @@ def held():
     return link, link.receive(0.0)
 
 
-@pytest.mark.parametrize("missing", [0, 1, 3])
+@pytest.mark.parametrize("missing", [0, 1])
 def test_a_sleep_is_seen_where_frames_were_missing_before_it(missing):
     _, first = held()
     guard = Guard(first, SimpleNamespace(realtime=True, clocked=True, period=0.012))

@@ -17,7 +17,7 @@ def test_walks_that_lost_frames_are_cut_where_they_did(tmp_path):
     }
     file = tmp_path / "recordings" / "robot_0.parquet"
     file.parent.mkdir()
-    metadata = {"robot": "nao", "base": "none", "rate_hz": 50.0}
+    metadata = {"robot": "nao", "base": "floating", "rate_hz": 50.0}
     ids = np.zeros(99, np.int64)
     write_recording(file, Recording("walk", time[kept], ids, columns, metadata))
     said = []

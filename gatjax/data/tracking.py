@@ -209,7 +209,9 @@ def _delays(
             text += f"{lags[joint].drift:.2g} s more in one half of the log than in "
             text += "the other: the clocks of commands and positions run apart"
         elif slow:
-            text += f"and {reach[joint]:.2f} times as far: a slow servo, or clocks "
+            text += (
+                f"it moves {reach[joint]:.2f} times as far: a slow servo, or clocks "
+            )
             text += "that differ"
         else:
             text += "commands and positions come from different clocks, align them"

@@ -62,7 +62,8 @@ def _group(group: list[Cause], number: int, diagnosis: Diagnosis) -> str:
 def _names(cause: Cause, first: Cause) -> bool:
     """Whether a cause, or one of its values, is what a step ended with."""
     same = (cause.name, cause.variant) == (first.name, first.variant)
-    there = not set(cause.where).isdisjoint(first.where)
+    whole = "all" in {*cause.where, *first.where}
+    there = whole or not set(cause.where).isdisjoint(first.where)
     return same and there and math.isfinite(first.probability)
 
 
