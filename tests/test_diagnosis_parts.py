@@ -362,6 +362,20 @@ def test_a_loss_of_power_is_no_loss_of_commands(powerless):
         assert told == {"times": 3.0, "duration": pytest.approx(0.12, abs=0.02)}
 
 
+def test_a_motor_that_always_had_power_keeps_a_window_to_be_refused():
+    rng = np.random.default_rng(3)
+    bare = joint(wave)
+    command = np.array([wave(t) for t in bare.time[0]])
+    bare = drops.with_commands(bare, [command], [np.zeros(len(command), bool)])
+    angle = bare.simulate([{}], False)[..., 0] + rng.normal(0.0, 7e-4, (1, 250))
+    noisy = bare._replace(measured=angle)
+    known = fits.start(noisy, [(None, np.zeros(COUNT))])[0]
+    burst = (np.arange(250) >= 100) & (np.arange(250) < 100 + outage.LONG)
+    losses = drops.Losses([burst], noisy, known, 0.0)
+    found = outage.outage(noisy, known, [command], losses)
+    assert found.lost[0].any() and found.fit.cost > known.cost
+
+
 def test_short_losses_are_no_loss_of_power():
     bare = joint(wave)
     gone = np.arange(250) % 10 < outage.LONG - 1

@@ -193,7 +193,7 @@ def held_gain(
     after = before.copy()
     for index, (hypothesis, own) in points.items():
         point = (hypothesis, np.append(np.zeros(COUNT), own))
-        after[index] = np.square(fits.residuals(given.held[index], [point])).sum()
+        after[index] = fits.squares(given.held[index], point)
     count = sum(int(joint.valid.sum()) for joint in given.held)
     return {
         "before": float(np.sqrt(before.sum() / count)),

@@ -28,7 +28,7 @@ class Solved(NamedTuple):
 
 def nominal(joint: Joint) -> float:
     """Sum of squared residuals of the nominal joint, rad^2."""
-    return float(np.square(fits.residuals(joint, [(None, np.zeros(COUNT))])).sum())
+    return fits.squares(joint, (None, np.zeros(COUNT)))
 
 
 def solved(

@@ -209,10 +209,8 @@ def _delays(
             text += f"{lags[joint].drift:.2g} s more in one half of the log than in "
             text += "the other: the clocks of commands and positions run apart"
         elif slow:
-            text += (
-                f"it moves {reach[joint]:.2f} times as far: a slow servo, or clocks "
-            )
-            text += "that differ"
+            text += f"it moves {reach[joint]:.2f} times as far: a slow servo, or "
+            text += "clocks that differ"
         else:
             text += "commands and positions come from different clocks, align them"
         constant = abs(lag) > LATEST and lags[joint].drift <= APART and not slow

@@ -150,7 +150,7 @@ def evenly(
     return float(chi2.sf(apart, len(counts) - 1))
 
 
-def turns(lost: Sequence[np.ndarray]) -> np.ndarray:
+def _following(lost: Sequence[np.ndarray]) -> np.ndarray:
     """How often [2, 2] a tick of masks [N] follows another one; 1 is lost."""
     pairs = np.concatenate([2 * mask[:-1].astype(int) + mask[1:] for mask in lost])
     return np.bincount(pairs, minlength=4).reshape(2, 2)
@@ -158,13 +158,14 @@ def turns(lost: Sequence[np.ndarray]) -> np.ndarray:
 
 def chances(lost: Sequence[np.ndarray]) -> beam.Chances:
     """Of losses in masks [N], never 0 or 1 (Laplace's rule)."""
-    begun, ended = (turns(lost) + 1.0) / (turns(lost).sum(1, keepdims=True) + 2.0)
+    count = _following(lost)
+    begun, ended = (count + 1.0) / (count.sum(1, keepdims=True) + 2.0)
     return beam.Chances(float(begun[1]), float(ended[0]))
 
 
 def length(lost: Sequence[np.ndarray]) -> float:
     """Nats that it takes to write masks [N] down, as bursts."""
-    return float(np.sum(turns(lost) * chances(lost).nats))
+    return float(np.sum(_following(lost) * chances(lost).nats))
 
 
 def price(

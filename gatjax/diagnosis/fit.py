@@ -153,6 +153,11 @@ def residuals(joint: Joint, points: Sequence[Point]) -> np.ndarray:
     return np.where(np.isfinite(out), out, 10.0)
 
 
+def squares(joint: Joint, point: Point) -> float:
+    """Sum of squared residuals of one hypothesis at its coordinates, rad^2."""
+    return float(np.square(residuals(joint, [point])).sum())
+
+
 def cost_of(joint: Joint, point: Point, residual: np.ndarray) -> float:
     """Misfit of a residual and prior of a point."""
     hypothesis, x = point

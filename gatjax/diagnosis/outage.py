@@ -25,7 +25,7 @@ PASSES = 3  # rounds in which begins and ends are moved
 MOVES = [
     np.array([begin, end])  # ticks: one of them, or the window as a whole
     for begin in range(-2, 3) for end in range(-2, 3)
-    if begin * end == 0 or begin == end
+    if (begin * end == 0) != (begin == end)
 ]  # fmt: skip
 
 
@@ -52,6 +52,8 @@ def outage(
     best = _fitted(joint, base, commands, windows, [base.x, losses.fit.x])
     for _ in range(PASSES):
         windows = _moved(best)
+        if not any(window.any() for window in windows):
+            break  # the motor had power all the time
         now = _fitted(joint, base, commands, windows, [best.fit.x])
         if now.fit.cost >= best.fit.cost:
             break
@@ -113,8 +115,8 @@ def _within(edges: np.ndarray, ticks: int) -> np.ndarray:
 
 def _cost(found: Losses, windows: Sequence[np.ndarray]) -> float:
     """Squared misfit with other windows, at the same numbers."""
-    now, point = _unpowered(found.joint, windows), (found.fit.hypothesis, found.fit.x)
-    return float(np.square(fits.residuals(now, [point])).sum())
+    now = _unpowered(found.joint, windows)
+    return fits.squares(now, (found.fit.hypothesis, found.fit.x))
 
 
 UNPOWERED = LOST._replace(

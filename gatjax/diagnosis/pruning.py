@@ -69,8 +69,7 @@ def _cost(
 ) -> float:  # fmt: skip
     """Squared misfit without a burst, at the same numbers."""
     now = with_commands(joint, commands, _without(losses.lost, [burst]))
-    point = losses.fit.hypothesis, losses.fit.x
-    return float(np.square(fits.residuals(now, [point])).sum())
+    return fits.squares(now, (losses.fit.hypothesis, losses.fit.x))
 
 
 def _fitted(
