@@ -10,6 +10,7 @@ import pytest
 from gatjax.data.trajectories import JointRun, to_recording
 from gatjax.effects.effect import Effect
 from gatjax.grounding import dagger, sensing
+from gatjax.grounding.envelope import ENVELOPE, Envelope
 from gatjax.grounding.gat import (
     GAT,
     Gat,
@@ -102,6 +103,15 @@ def test_stochastic_gat_samples_and_without_a_draw_is_gat(noisy):
     np.testing.assert_array_equal(sent["gat", 1.0], sent["gat", -1.0])
     spread = 0.5 * (sent["sgat", 1.0] - sent["sgat", -1.0]) * PULL
     assert (spread > NOISE.min()).all()
+
+
+def test_what_decides_whether_a_command_is_lost_draws_no_noise_there():
+    rest, drawn = jnp.zeros(2), jnp.array([-9.0, 0.5])
+    signal = Signal(rest, rest, rest, drawn)
+    effect, params = ENVELOPE.effect(np.arange(2)), Envelope(1.0, jnp.ones(len(JOINTS)))
+    state = effect.init(params, signal)
+    sent = effect.apply(params, state, signal)[1].target
+    np.testing.assert_array_equal(sent, [0.5, -9.0])
 
 
 def test_dagger_learns_where_the_grounded_simulator_goes():

@@ -10,7 +10,7 @@ import pytest
 from brax.envs.base import Env, State
 
 from gatjax.data.trajectories import JointRun
-from gatjax.effects.effect import Effect
+from gatjax.effects.effect import Effect, memoryless
 from gatjax.grounding import garat, learn, reinforced, rgat
 from gatjax.grounding.gat import (
     forward_inputs,
@@ -61,7 +61,7 @@ def walked(world, engine, keys):
     def run(key):
         def tick(place, _):
             place, signal, row = track.look(world.values, policy, place)
-            return track.move(world.values, place, signal.target), row.base.position
+            return track.move(world.values, place, signal), row.base.position
 
         begin = track.begin(world.values, policy, key)
         return jax.lax.scan(tick, begin, None, length=world.task.ticks)[1]
@@ -118,6 +118,17 @@ def test_an_action_is_added_to_its_joint_and_to_no_other(world):
     assert np.abs(moved).argmax() == knee
     sent = bent.pipeline_state.memory.sent[0] - plain.pipeline_state.memory.sent[0]
     np.testing.assert_allclose(sent, 0.05 * action, atol=1e-6)
+
+
+def test_a_world_that_hears_no_command_hears_no_action(world):
+    deaf = memoryless(lambda params, signal: signal._replace(target=0.0 * params))
+    world = add_command(world, "deaf", deaf, jnp.zeros(JOINTS))
+    env = Walk(world, THETA0, VIEW, 0.05)
+    state = env.reset(jax.random.key_data(jax.random.key(2)))
+    bent, plain = (
+        env.step(state, share * jnp.ones(JOINTS)).obs[:JOINTS] for share in (1.0, 0.0)
+    )
+    np.testing.assert_array_equal(bent, plain)
 
 
 def test_a_robot_that_falls_ends_its_episode_and_pays(world):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from gatjax.effects.effect import memoryless
+from gatjax.records import Signal
 from gatjax.robot.nao import WALKING_JOINTS
 from gatjax.sim import mjx
 from gatjax.sim.alike import alike
@@ -104,6 +105,31 @@ def test_causes_that_all_have_are_there_once():
         "command_delay", "command_delay", "encoder_offset", "dead_band"
     ]  # fmt: skip
     assert list(delays.motor) == list(zeros.motor)
+
+
+def test_what_was_learned_comes_ahead_of_lost_commands():
+    seen = []
+
+    def change(params, signal):
+        seen.append(np.asarray(signal.target).max())
+        return signal._replace(target=signal.target + params)
+
+    def world(*rows):
+        made = add_command(nominal(TASK), "learned", memoryless(change), np.float64(0))
+        return add_causes(made, rows)
+
+    lossy = world(("dropped_commands", ["all"], {"probability": 0.3}))
+    made = [lossy, lighter(lossy), *alike([world(), lossy])]
+    assert len(made) == 4
+    for place, each in enumerate(made):
+        command, params = each.chains()[0], each.values.command
+        rest = np.zeros(each.model.nu, np.float32)
+        state = command.init(params, Signal(rest, rest, rest, rest))
+        lost = Signal(rest + 1.0, rest, rest, rest - 9.0)
+        state, told = command.apply(params, state, lost)
+        heard = np.asarray(told.target).max()
+        assert seen[-1] == 1.0
+        assert heard == (1.0 if place == 2 else 0.0)
 
 
 def test_a_light_body_is_among_the_values():

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gatjax.effects import drive
 from gatjax.effects.effect import Effect
+from gatjax.grounding.gat import Memory, command_effect
 from gatjax.grounding.grounder import Experience, Grounder
-from gatjax.records import JOINTS, Signal
+from gatjax.records import JOINTS
 from gatjax.robot.nao import WALKING, WALKING_JOINTS
 
 Array = Any
@@ -28,14 +28,15 @@ class Envelope(NamedTuple):
     deviation: Array  # [J] rad, RMS one-step error of the simulator on the robot's logs
 
 
-def envelope_effect() -> Effect:
-    """Noise of `alpha * deviation` on every target; params: `Envelope`."""
-    noise = drive.noise()
+def envelope_effect(joints: Array) -> Effect:
+    """Noise of `alpha * deviation` on these joints' targets; params: `Envelope`."""
 
-    def apply(params: Envelope, state: tuple, signal: Signal) -> tuple[tuple, Signal]:
-        return noise.apply(params.alpha * params.deviation, state, signal)
+    def transform(
+        params: Envelope, memory: Memory, angle: Array, target: Array, noise: Array
+    ) -> Array:
+        return target + params.deviation[joints] * noise
 
-    return Effect(init=lambda params, signal: (), apply=apply)
+    return command_effect(joints, transform)
 
 
 def learn(experience: Experience) -> tuple[Envelope, dict[str, Any]]:
@@ -52,4 +53,4 @@ def template(joints: int) -> Envelope:
     return Envelope(np.float32(0.0), np.zeros(len(JOINTS)))
 
 
-ENVELOPE = Grounder(lambda joints: envelope_effect(), learn, template)
+ENVELOPE = Grounder(envelope_effect, learn, template)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.util
 import io
 import json
@@ -13,7 +14,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from gatjax.effects.effect import memoryless
+from gatjax.effects.effect import Effect, memoryless
 from gatjax.files import as_json
 from gatjax.grounding.dagger import DAGGER
 from gatjax.grounding.envelope import ENVELOPE
@@ -86,7 +87,9 @@ def learn(method: str, experience: Experience) -> Grounding:
 
 
 def grounded(world: World, grounding: Grounding) -> World:
-    """Return the world with the grounding as its last command effect.
+    """Return the world with the grounding as its first command effect.
+
+    It is learned from logs of what was commanded, ahead of what acts on commands there.
 
     Raises:
         ValueError: the grounding was learned at another control rate, or for joints
@@ -101,12 +104,22 @@ def grounded(world: World, grounding: Grounding) -> World:
             f"{name} is for joints that {world.source} lacks: {', '.join(lacking)}; "
             f"choose a grounding of this robot"
         )
-    joints = np.array([there.index(joint) for joint in grounding.joints])
-    way = METHODS[grounding.method]
-    world = add_command(world, "grounding", way.effect(joints), grounding.params)
-    if way.sensor is None:
+    joints = tuple(there.index(joint) for joint in grounding.joints)
+    command, sensor = _effects(grounding.method, joints)
+    world = add_command(world, "grounding", command, grounding.params)
+    if sensor is None:
         return world
-    return add_sensor(world, "grounding", way.sensor(joints), grounding.params)
+    return add_sensor(world, "grounding", sensor, grounding.params)
+
+
+@functools.cache
+def _effects(method: str, joints: tuple[int, ...]) -> tuple[Effect, Effect | None]:
+    """Effects of a method on joints with these indices: one of a kind, compiled once.
+
+    The second one is its effect on sensors, if it has one.
+    """
+    way, where = METHODS[method], np.array(joints)
+    return way.effect(where), way.sensor and way.sensor(where)
 
 
 def with_alpha(grounding: Grounding, alpha: float) -> Grounding:

@@ -102,13 +102,12 @@ def played(
     """Walk in the grounded simulator; commands are what the simulator was told.
 
     Raises:
-        ValueError: other effects act on commands there, or the grounding draws: what
-            the simulator was told cannot be told from its log.
+        ValueError: the grounding draws: its log does not say what was told.
     """
-    if world.command or grounding.method not in ("gat", "guided"):
+    if grounding.method not in ("gat", "guided"):
         raise ValueError(
-            f"{world.source} has effects on commands besides the grounding: choose "
-            f"another method than dagger"
+            f"grounding {grounding.method} draws: its log does not say what the "
+            f"simulator was told"
         )
     policies = np.tile(theta, (len(keys), 1))
     better = grounders.grounded(world, grounding)

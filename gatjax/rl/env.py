@@ -1,7 +1,8 @@
-"""The walk world as a `brax.envs.Env`: the action is added to what the servos are told.
+"""The walk world as a `brax.envs.Env`: the action is added to what the walk commands.
 
 One step is one control tick. The walk engine walks in it as it does everywhere; an
 environment only adds to its targets, so a policy that does nothing is the plain walk.
+A world that delays or loses commands does so with the sum, as it would on the robot.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ class Step(NamedTuple):
     """A state of the environment: before the action of a tick."""
 
     place: Place
-    signal: Signal  # [J] what the servos would be told
+    signal: Signal  # [J] what the walk commands
     memory: Any  # of the view
 
 
@@ -90,14 +91,15 @@ class Walk(Env):
         return NewState(step, self._seen(step, row.reading), zero, zero, metrics)
 
     def step(self, state: Any, action: Array) -> State:
-        """Tell the servos the walk's target and the action; walk one control tick.
+        """Command the walk's target and the action; walk one control tick.
 
         Rewards of an episode add up to what the search maximises: mean velocity in m/s
         over the task's duration, less 15 for a fall, which ends the episode.
         """
         before: Any = state.pipeline_state
         sent = before.signal.target[self._joints] + self._scale * action
-        told = before.signal.target.at[self._joints].set(sent)
+        target = before.signal.target.at[self._joints].set(sent)
+        told = before.signal._replace(target=target)
         memory = self._view.push(before.memory, self._of(before.signal), sent)
         place = self._course.move(self._world.values, before.place, told)
         place, signal, row = self._look(place)

@@ -144,7 +144,7 @@ def _filled(placed: Sequence[list[Layer]]) -> list[list[Row]]:
 
 
 def _rebuilt(world: World, rows: list[Row]) -> World:
-    """A world with other rows; what was learned comes last, as it did."""
+    """A world with other rows; what was learned stands where it did."""
     old = world.values
     noise = {"noise": old.sensor["noise"]}
     made = dataclasses.replace(

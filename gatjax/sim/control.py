@@ -1,17 +1,21 @@
 """The control loop between physics steps, vectorised over robots, on the CPU.
 
 Encoders, sensors, pilot, effects and servos are compiled functions; those that do not
-depend on the world are compiled once for all worlds.
+depend on the world are compiled once for all worlds, the others once for all worlds
+that differ in nothing but values.
 """
 
 from __future__ import annotations
 
 import functools
+import hashlib
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import mujoco
+import numpy as np
 
 from gatjax import task as tasks
 from gatjax.records import Reading, Signal
@@ -22,6 +26,7 @@ from gatjax.sim.compiled import host
 from gatjax.sim.world import Values, World
 
 Array = Any
+KEPT = 32  # worlds whose compiled functions are kept
 
 
 def _cpu(function: Callable, axes: tuple) -> Callable:
@@ -143,3 +148,46 @@ class Control:
         """Return what is measured of joints at an angle; state None is the first."""
         seen = self.servos.seen(values, motor, angle)
         return episode.report(self._world, values, state, seen)
+
+
+class _Structure:
+    """A world; equal to others whose control loops would be compiled alike."""
+
+    def __init__(self, world: World) -> None:
+        """Take a world whose model changes no more."""
+        self.world = world
+        slots = world.command, world.motor, world.sensor, world.joint
+        self._key = (
+            world.task, _content(world.model), repr(world.causes),
+            tuple(tuple(slot) for slot in slots),
+            tuple(world.command[name] for name in world.learned),
+            tuple(world.sensor[name] for name in world.learned_sensors),
+        )  # fmt: skip
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Structure) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+
+def _content(model: mujoco.MjModel) -> bytes:
+    """All that a model says, in a few bytes."""
+    buffer = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, buffer)
+    return hashlib.sha256(buffer.tobytes()).digest()
+
+
+def control(world: World) -> Control:
+    """The part of the control loop that depends on a world, compiled once if need be.
+
+    Args:
+        world: its causes, and the effects that were learned, are what decides; worlds
+            with other values share what is compiled.
+    """
+    return _control(_Structure(world))
+
+
+@functools.lru_cache(KEPT)
+def _control(structure: _Structure) -> Control:
+    return Control(structure.world)

@@ -41,8 +41,8 @@ class Course(NamedTuple):
 
     begin: Callable[[Values, Array, Array], Place]  # (values, policy [15], key)
     look: Callable[[Values, Array, Place], tuple[Place, Signal, episode.Row]]
-    # reads the sensors and asks the pilot: what the servos would be told, and the row
-    move: Callable[[Values, Place, Array], Place]  # plays targets [J] rad for one tick
+    # reads the sensors and asks the pilot: what it commands, and the row
+    move: Callable[[Values, Place, Signal], Place]  # plays a command for one tick
 
 
 def course(world: World, engine: Engine) -> Course:
@@ -68,12 +68,16 @@ def course(world: World, engine: Engine) -> Course:
         )
         pilot, target = tasks.pilot(world.task, policy, drawn.go, loop.pilot, reading)
         row = episode.Row(target, reading, plant.base, loop.score.alive)
-        command, signal = episode.tell(world, values, loop.command, plant, row, noise)
-        loop = loop._replace(pilot=pilot, command=command)
-        return place._replace(loop=loop, tick=place.tick + 1), signal, row
+        signal = episode.asked(world, plant, row, noise)
+        place = place._replace(loop=loop._replace(pilot=pilot), tick=place.tick + 1)
+        return place, signal, row
 
-    def move(values: Values, place: Place, target: Array) -> Place:
-        data, state = engine.advance(values, place.data, place.servos, target)
-        return place._replace(data=data, servos=state)
+    def move(values: Values, place: Place, signal: Signal) -> Place:
+        command, told = world.chains()[0].apply(
+            values.command, place.loop.command, signal
+        )
+        data, state = engine.advance(values, place.data, place.servos, told.target)
+        loop = place.loop._replace(command=command)
+        return place._replace(loop=loop, data=data, servos=state)
 
     return Course(begin, look, move)

@@ -243,10 +243,15 @@ def tell(
     Returns:
         The new state, and a signal whose target is what the servos are told.
     """
+    signal = asked(world, plant, row, noise)
+    return world.chains()[0].apply(values.command, state, signal)
+
+
+def asked(world: World, plant: Plant, row: Row, noise: Noise) -> Signal:
+    """The pilot's targets at the joints that move, ahead of the command effects."""
     kept = joints_of(world.model)
     angle = row.reading.angle[kept]
-    signal = Signal(row.command[kept], angle, plant.velocity, noise.command[kept])
-    return world.chains()[0].apply(values.command, state, signal)
+    return Signal(row.command[kept], angle, plant.velocity, noise.command[kept])
 
 
 def report(world: World, values: Values, state: Any, angle: Array) -> tuple[Any, Array]:

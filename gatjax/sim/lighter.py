@@ -8,6 +8,7 @@ nothing acts once per physics step.
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import jax.numpy as jnp
@@ -18,6 +19,7 @@ from gatjax.records import JOINTS, Sensed, Signal
 from gatjax.robot.model import Held
 from gatjax.robot.nao import WALKING_JOINTS
 from gatjax.sim.contact import law_of
+from gatjax.sim.control import KEPT
 from gatjax.sim.episode import joints_of
 from gatjax.sim.world import (
     World,
@@ -50,7 +52,7 @@ def lighter(world: World) -> World:
     "all" joints are at all that are left. Learned effects see the held joints where
     they stand.
     """
-    stand = np.asarray(pose(THETA0))
+    stand = _stand()
     angles = {joint: float(stand[JOINTS.index(joint)]) for joint in HELD}
     held = Held(angles, fields_applied(world))
     light = nominal(world.task, world.source, _timestep(world), held)
@@ -66,10 +68,10 @@ def lighter(world: World) -> World:
                 values = {"total": rated, **values}
             light = add_cause(light, row["cause"], where, values, role)
     for name in world.learned:
-        effect = _among_all(world.command[name], joints_of(light.model), stand)
+        effect = _among_all(world.command[name], tuple(joints_of(light.model)))
         light = add_command(light, name, effect, world.values.command[name])
     for name in world.learned_sensors:
-        effect = _reading_all(world.sensor[name], joints_of(light.model), stand)
+        effect = _reading_all(world.sensor[name], tuple(joints_of(light.model)))
         light = add_sensor(light, name, effect, world.values.sensor[name])
     return light
 
@@ -93,8 +95,16 @@ def _timestep(world: World) -> float:
     return max(own, dividing(world.task.control_period, STEP))
 
 
-def _reading_all(effect: Effect, kept: np.ndarray, stand: np.ndarray) -> Effect:
-    """A sensor effect made for all joints, for a robot that has those `kept` [K]."""
+@functools.cache
+def _stand() -> np.ndarray:
+    """Where all joints [J] of a walker that stands are, rad."""
+    return np.asarray(pose(THETA0))
+
+
+@functools.lru_cache(KEPT)
+def _reading_all(effect: Effect, which: tuple[int, ...]) -> Effect:
+    """A sensor effect made for all joints, for a robot that has those K of them."""
+    stand, kept = _stand(), np.array(which)
 
     def whole(signal: Sensed) -> Sensed:
         angle, noise = signal.reading.angle, signal.noise.angle
@@ -115,8 +125,10 @@ def _reading_all(effect: Effect, kept: np.ndarray, stand: np.ndarray) -> Effect:
     return Effect(init, apply)
 
 
-def _among_all(effect: Effect, kept: np.ndarray, stand: np.ndarray) -> Effect:
-    """An effect that was made for all joints, for a robot that has those `kept` [K]."""
+@functools.lru_cache(KEPT)
+def _among_all(effect: Effect, which: tuple[int, ...]) -> Effect:
+    """An effect that was made for all joints, for a robot that has those K of them."""
+    stand, kept = _stand(), np.array(which)
 
     def whole(signal: Signal) -> Signal:
         zero = jnp.zeros(len(stand), signal.angle.dtype)

@@ -138,7 +138,7 @@ def _run(
 
         def tick(place: Place, _: None) -> tuple:
             place, signal, row = track.look(values, policy, place)
-            return track.move(values, place, signal.target), keep(row)
+            return track.move(values, place, signal), keep(row)
 
         place = track.begin(values, policy, key)
         place, rows = jax.lax.scan(tick, place, None, length=world.task.ticks)

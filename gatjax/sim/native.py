@@ -24,7 +24,7 @@ from gatjax.records import Outcome, Trajectory
 from gatjax.robot.model import slots as find_slots
 from gatjax.sim import episode, shares
 from gatjax.sim.actuation import State
-from gatjax.sim.control import Control, shared
+from gatjax.sim.control import control, shared
 from gatjax.sim.world import Values, World, fields_applied
 
 Array = Any
@@ -63,7 +63,7 @@ class Native:
         self.world = world
         self._engine, self._shares = engine, shares
         self._where = find_slots(world.model)
-        self._shared, self._control = shared(world.task), Control(world)
+        self._shared, self._control = shared(world.task), control(world)
         self._plain = self._control.servos.plain
 
     def begin(self, values: Values, policies: Array, keys: Array) -> tuple:

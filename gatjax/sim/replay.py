@@ -7,6 +7,7 @@ all cores. Where no effect looks at the joints, it plays many rows in one call.
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -22,6 +23,7 @@ from gatjax.robot.model import slots as find_slots
 from gatjax.sim import derived
 from gatjax.sim.actuation import actuation
 from gatjax.sim.compiled import Compiled, precisely
+from gatjax.sim.control import KEPT
 from gatjax.sim.world import Values, World, fields_applied
 
 Array = Any
@@ -101,9 +103,15 @@ RECORDED = ("qpos", "qvel", "sensordata", "actuator_force")
 
 def _command(world: World) -> Effect:
     """Return the command effects; those that were learned are vectorised by jax."""
-    whole = chain(**world.command)
     if not world.learned:
-        return whole
+        return chain(**world.command)
+    return _vectorised(tuple(world.command.items()))
+
+
+@functools.lru_cache(KEPT)
+def _vectorised(parts: tuple[tuple[str, Effect], ...]) -> Effect:
+    """Effects that were made for one robot as one effect of many, compiled once."""
+    whole = chain(**dict(parts))
     return Effect(jax.jit(jax.vmap(whole.init)), jax.jit(jax.vmap(whole.apply)))
 
 
@@ -286,9 +294,10 @@ def _sensor(
     names = [
         n for n in plan.world.sensor if n != "noise" and (learned or n not in foreign)
     ]
-    sensor = chain(**{name: plan.world.sensor[name] for name in names})
-    if learned and foreign:  # made for one robot: vectorised by jax
-        sensor = Effect(jax.jit(jax.vmap(sensor.init)), jax.jit(jax.vmap(sensor.apply)))
+    parts = {name: plan.world.sensor[name] for name in names}
+    sensor = (
+        _vectorised(tuple(parts.items())) if learned and foreign else chain(**parts)
+    )
     return sensor, {name: values.sensor[name] for name in names}
 
 

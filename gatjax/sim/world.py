@@ -140,11 +140,15 @@ def dividing(period: float, step: float) -> float:
 
 
 def add_command(world: World, name: str, effect: Effect, params: Any) -> World:
-    """Append a command effect, e.g. a grounding."""
+    """Put a command effect, e.g. a grounding, ahead of the others.
+
+    What was learned from logs of commands acts on what is commanded: causes that delay
+    or lose commands act on what it makes of them.
+    """
     return dataclasses.replace(
         world,
-        command={**world.command, name: effect},
-        values=world.values._replace(command={**world.values.command, name: params}),
+        command={name: effect, **world.command},
+        values=world.values._replace(command={name: params, **world.values.command}),
     )
 
 

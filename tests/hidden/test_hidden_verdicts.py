@@ -14,7 +14,6 @@ from gatjax.surrogate.hidden import write_cases
 # more: that is where the diagnosis promises to name them. Backlash, which takes
 # longest, is what test_docs_notebook hides.
 CASES = {
-    "dead_band": (4, "arm_servo", {"mix": {"single": 1.0}, "causes": ["dead_band"]}),
     "one_of_two": (
         1,
         "arm_two",

@@ -28,6 +28,7 @@ class Servo:
         )
         ticks = np.maximum(np.rint(numbers["period"] / step), 1.0).astype(int)
         self.ticks = np.repeat(ticks, self.shape[1])
+        self.common = 1 if self.terms["push"] else int(np.gcd.reduce(self.ticks))
         self.count = 0
         self.held = np.zeros(self.gain.size)
         self.hot, heat = gather(specimens, self.shape[1], "heat")
@@ -35,6 +36,7 @@ class Servo:
         self.cooling = heat.get("cooling", np.ones(0))
         self.heat = np.zeros(self.hot.size)
         self.sag = numbers["sag"]
+        self.sags = bool(self.sag.any())
         self.drop = np.zeros(self.shape[0])
 
     def lost(self) -> np.ndarray:
@@ -53,7 +55,19 @@ class Servo:
             target: [L * J] rad.
             seen: [L * J] rad, angle at the encoder without its offset.
         """
-        left = 1.0 - self.lost() if self.hot.size or self.sag.any() else 1.0
+        if self.count % self.common == 0:  # integrals add up in every step
+            push = self._push(now, target, seen)
+            self.held = np.where(self.count % self.ticks == 0, push, self.held)
+        self.count += 1
+        now.torque = torque = self.held.copy()
+        for term in self.terms["power"]:
+            torque[term.at] *= term(now)
+        self._wear(now)
+        return torque
+
+    def _push(self, now: Now, target: np.ndarray, seen: np.ndarray) -> np.ndarray:
+        """Torques [L * J] that a new sample asks for, N m."""
+        left = 1.0 - self.lost() if self.hot.size or self.sags else 1.0
         now.limit = self.limit * left
         now.error = target - seen - self.offset
         for term in self.terms["error"]:
@@ -65,20 +79,14 @@ class Servo:
         for term in self.terms["room"]:
             low, high = term(now)
             push[term.at] = np.minimum(np.maximum(push[term.at], low), high)
-        self.held = np.where(self.count % self.ticks == 0, push, self.held)
-        self.count += 1
-        now.torque = torque = self.held.copy()
-        for term in self.terms["power"]:
-            torque[term.at] *= term(now)
-        self._wear(now)
-        return torque
+        return push
 
     def _wear(self, now: Now) -> None:
         """Heat and supply follow the torques."""
         if self.hot.size and now.time >= SETTLED:
             load = (now.torque[self.hot] / self.limit[self.hot]) ** 2
             self.heat += now.step * (load - self.heat / self.cooling)
-        if self.sag.any():
+        if self.sags:
             pull = np.abs(now.torque).reshape(self.shape).sum(1)
             goal = np.minimum(self.sag * pull, MOST_LOST)
             self.drop += now.step / SUPPLY_LAG * (goal - self.drop)

@@ -79,7 +79,12 @@ class Joint:
         self.give = 0.1 * np.sqrt(self.spring * light)
         self.blind = self._spread(gear, "encoder_on_motor", 0.0) > 0.5
         self.open = is_geared & ~self.springy  # may be without contact
-        self.flank = np.where(is_geared, 0, 1)  # -1, 0 (free), 1
+        self.springs, self.opens = self.springy.any(), self.open.any()
+        self.damping, self.coulomb, self.stribeck, self.velocity = (
+            self.numbers[name][:, 0]
+            for name in ("damping", "coulomb", "stribeck", "stribeck_velocity")
+        )
+        self._touch(np.where(is_geared, 0, 1))
         self.angle = np.array([lane.log.commands[0, 0] for lane in lanes])
         self.speed = np.zeros(len(lanes))
         self.motor, self.motor_speed = self.angle.copy(), self.speed.copy()
@@ -90,19 +95,25 @@ class Joint:
         values[self.geared] = gear.get(name, neutral)
         return values
 
+    def _touch(self, flank: np.ndarray) -> None:
+        """Takes on which flanks [L] touch: -1, 0 (free), 1."""
+        self.flank = flank
+        self.together = (flank != 0) & ~self.springy
+        self.inertia = np.where(self.together, self.rotor + self.load, self.rotor)
+        self.slowed = 1.0 + STEP * self.damping / self.inertia
+
     def seen(self) -> np.ndarray:
         """Angle at the encoder [L], rad."""
         return np.where(self.blind, self.motor, self.angle)
 
     def level(self) -> np.ndarray:
         """Dry friction [L], N m."""
-        numbers, now = self.numbers, self.now
-        ratio = now.motor_speed / numbers["stribeck_velocity"][:, 0]
-        level = numbers["coulomb"][:, 0] + numbers["stribeck"][:, 0] * np.exp(
-            -(ratio**2)
-        )
+        level = self.coulomb.copy()
+        if self.stribeck.any():
+            ratio = self.now.motor_speed / self.velocity
+            level += self.stribeck * np.exp(-(ratio**2))
         for term in self.servo.terms["friction"]:
-            level[term.at] += term(now)
+            level[term.at] += term(self.now)
         return level
 
     def act(self, time: float, target: np.ndarray) -> None:
@@ -116,30 +127,29 @@ class Joint:
             drive[term.at] += term(now)
         for term in self.servo.terms["link"]:
             load[term.at] += term(now)
-        twist, slip = self.motor - self.angle, self.motor_speed - self.speed
-        pull = self.spring * twist + self.give * slip
-        self._move(drive - pull, load + pull, self.level())
-        if self.open.any():
+        if self.springs:
+            twist, slip = self.motor - self.angle, self.motor_speed - self.speed
+            pull = self.spring * twist + self.give * slip
+            drive, load = drive - pull, load + pull
+        self._move(drive, load, self.level())
+        if self.opens:
             self._meet()
 
     def _move(self, drive: np.ndarray, load: np.ndarray, level: np.ndarray) -> None:
         """Moves motors and links by one step; friction and damping on the motors."""
-        damping = self.numbers["damping"][:, 0]
-        together = (self.flank != 0) & ~self.springy
-        inertia = np.where(together, self.rotor + self.load, self.rotor)
-        total = np.where(together, drive + load, drive)
-        free = self.motor_speed + STEP * total / inertia
-        free /= 1.0 + STEP * damping / inertia
-        stop = STEP * level / inertia
-        speed = np.sign(free) * np.maximum(np.abs(free) - stop, 0.0)
-        alone = self.speed + STEP * load / self.load
-        # force of the motor on the link, from the link's side
-        push = self.load * (speed - self.speed) / STEP - load
-        parts = together & self.open & (push * self.flank < 0.0)
-        self.flank = np.where(parts, 0, self.flank)
-        follow = together & ~parts
+        total = np.where(self.together, drive + load, drive)
+        free = (self.motor_speed + STEP * total / self.inertia) / self.slowed
+        stop = STEP * level / self.inertia
+        speed = np.copysign(np.maximum(np.abs(free) - stop, 0.0), free)
+        if self.opens:
+            # force of the motor on the link, from the link's side
+            push = self.load * (speed - self.speed) / STEP - load
+            parts = self.together & self.open & (push * self.flank < 0.0)
+            if parts.any():
+                self._touch(np.where(parts, 0, self.flank))
         self.motor_speed = speed
-        self.speed = np.where(follow, speed, alone)
+        alone = self.speed + STEP * load / self.load
+        self.speed = np.where(self.together, speed, alone)
         self.motor = self.motor + STEP * self.motor_speed
         self.angle = self.angle + STEP * self.speed
 
@@ -160,7 +170,7 @@ class Joint:
         self.motor_speed = np.where(meets, motor, self.motor_speed)
         self.speed = np.where(meets, link, self.speed)
         self.motor = np.where(meets, self.angle + side * self.gap, self.motor)
-        self.flank = np.where(meets & (bounce == 0.0), side, self.flank)
+        self._touch(np.where(meets & (bounce == 0.0), side, self.flank))
 
 
 def simulate(robot: Robot, lanes: Sequence[Lane]) -> list[History]:
