@@ -205,6 +205,13 @@ def test_the_discriminator_pays_for_what_looks_like_the_robot():
     assert garat.SURE + np.mean(seen) > 1.0 + judge.rewards(other).mean() > 1.0
 
 
+@pytest.mark.parametrize("rate, ticks", [(50.0, 200), (83.3, 330), (100.0, 400)])
+def test_episodes_take_as_long_at_any_control_rate(rate, ticks):
+    run = JointRun(0, np.arange(20) / rate, None, None)
+    experience = Experience([], [run], None, None, None, None, 0, print)
+    assert reinforced.plan_of(experience, 3).ticks == ticks
+
+
 def test_methods_that_need_brax_say_so(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(ValueError, match=r"rgat .* needs brax; .*pip install .*rl"):
@@ -250,8 +257,9 @@ def experience():
 def test_a_grounding_by_reinforcement_is_learned_kept_and_used(
     experience, monkeypatch, tmp_path
 ):
-    small = functools.partial(ppo.Plan, robots=8, ticks=30, minibatches=4)
+    small = functools.partial(ppo.Plan, robots=8, minibatches=4)
     monkeypatch.setattr(ppo, "Plan", small)
+    monkeypatch.setattr(reinforced, "EPISODE", 0.6)
     monkeypatch.setattr(garat, "ROUNDS", 3)
     grounding = learn.learn("garat", experience)
     assert all(0.0 <= share <= 1.0 for share in grounding.facts["unmasked"])

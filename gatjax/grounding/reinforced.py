@@ -31,6 +31,7 @@ from gatjax.records import Signal
 
 Array = Any
 CORRECTION = 0.05  # rad that an action of 1 adds to a command
+EPISODE = 4.0  # s of a walk that teaches
 TOLD = 10  # rounds after which a line is shown
 LEAST = 1e-4  # rad, least deviation of an input
 FAR = 8.0  # standard deviations at which inputs are cut off
@@ -86,7 +87,7 @@ def reinforced(
         experience: what is learned from.
         rewards: (inputs [S, I], next angles [S, K] rad) -> rewards [S], 0 or more,
             since a fall ends them; called once a round.
-        rounds: of PPO, each with 64 walks of 4 s.
+        rounds: of PPO, each with 64 walks of EPISODE.
 
     Returns:
         What walked in every round, and its mean reward.
@@ -108,7 +109,7 @@ def reinforced(
             memory, signal.angle, signal.target, sent
         ),
     )
-    walk, plan = experience.practice(view, CORRECTION), ppo.Plan(rounds=rounds)
+    walk, plan = experience.practice(view, CORRECTION), plan_of(experience, rounds)
 
     def judged(walks: Any) -> Array:
         flat = np.asarray(walks.observation).reshape(-1, view.size)
@@ -128,6 +129,16 @@ def reinforced(
         if len(found) % TOLD == 0:
             experience.tell(f"PPO in the simulator, round {len(found)} of {rounds}")
     return found
+
+
+def plan_of(experience: Experience, rounds: int) -> Any:
+    """A `ppo.Plan` whose episodes take EPISODE at the control rate of the logs."""
+    from gatjax.rl import ppo
+
+    plan = ppo.Plan(rounds=rounds)
+    period = float(np.median(np.diff(experience.simulator[0].time)))
+    unrolls = max(1, round(EPISODE / period / plan.unroll))
+    return plan._replace(ticks=unrolls * plan.unroll)
 
 
 def _look(memory: Memory, signal: Signal, reading: Any) -> Array:
