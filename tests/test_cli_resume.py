@@ -6,6 +6,7 @@ import json
 import shutil
 import zipfile
 from types import SimpleNamespace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from gatjax.data.recording import Recording, write_recording
 from gatjax.grounding.envelope import Envelope
 from gatjax.grounding.learn import Grounding, write_grounding
 from gatjax.loop.steps import physics
-from gatjax.records import JOINTS
+from gatjax.records import JOINTS, Base
 from gatjax.settings import DEMO, EVALUATION, ROBOT_LOG, seeds
 from gatjax.sim.stored import write_world
 from gatjax.sim.world import add_cause, nominal
@@ -433,6 +434,20 @@ def test_a_live_view_needs_a_display(monkeypatch):
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(RuntimeError, match="no display for --live"):
         window.play(nominal().model, np.zeros((1, 34)), 0.02)
+
+
+def test_a_robot_that_does_not_know_where_its_torso_is_is_not_drawn(
+    tmp_path, monkeypatch, capsys
+):
+    class Walked(NamedTuple):
+        base: Base
+
+    base = Base(np.full((1, 9, 3), np.nan), np.full((1, 9, 4), np.nan))
+    robot = SimpleNamespace(name="nao", walk=lambda *given: (Walked(base), None))
+    monkeypatch.setattr(verbs, "robot_of", lambda *given: robot)
+    line = refused(capsys, ["view", "--out", str(tmp_path / "walk.html")])
+    assert "nao does not tell where its torso is" in line
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_folder_stands_for_its_world_file(tmp_path):

@@ -206,6 +206,9 @@ def test_a_map_says_that_commands_are_no_angles(tmp_path):
     del tree["columns"]["command.b"]
     with pytest.raises(ValueError, match="command_unit is rad, but the commands' unit"):
         column_map(tree | {"metadata": {"command_unit": "rad"}}, "x.yaml")
+    tree["columns"]["command.a"]["unit"] = "N·m"
+    mapping = column_map(tree | {"metadata": {"command_unit": "N·m"}}, "x.yaml")
+    assert mapping.metadata["command_unit"] == "N·m"
 
 
 def test_another_unit_of_commands_is_refused(tmp_path):

@@ -239,6 +239,11 @@ def view(verb: verbs.View) -> None:
         runs.make_folder(verb.out.parent)
     walk, outcome = robot.walk(theta[None], [verb.seed], task)
     walk = jax.tree.map(lambda leaf: np.asarray(leaf)[0], walk)
+    if not np.isfinite(walk.base.position[0]).all():
+        raise ValueError(
+            f"{robot.name} does not tell where its torso is, which takes motion "
+            f"capture; gatjax deploy keeps a log of its joints"
+        )
     model = nominal(task).model
     if verb.live:
         from gatjax.cli.window import play

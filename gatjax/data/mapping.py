@@ -160,7 +160,7 @@ def column_map(tree: Any, name: str) -> ColumnMap:
         raise ValueError(f"{name}: 'drop' must be a list of column names or patterns")
     told = _command_unit(columns, name)
     stated = metadata.get("command_unit", told.get("command_unit"))
-    if told and stated != told["command_unit"]:
+    if told and spelled(str(stated)) != told["command_unit"]:
         raise ValueError(
             f"{name}: metadata command_unit is {stated}, but the commands' unit "
             f"becomes {told['command_unit']}; mend one of the two"
