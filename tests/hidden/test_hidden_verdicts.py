@@ -20,6 +20,7 @@ CASES = {
         {"mix": {"single": 1.0}, "causes": ["viscous_friction"]},
     ),
     "null": (1, "arm_servo", {"mix": {"null": 1.0}}),
+    "outside": (1, "arm_servo", {"mix": {"outside": 1.0}}),
 }
 
 
