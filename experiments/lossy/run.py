@@ -24,7 +24,7 @@ from gatjax.data.recording import Recording
 from gatjax.data.trajectories import to_recording
 from gatjax.grounding.learn import Grounding, grounded, largest_stable_alpha
 from gatjax.loop import learn_grounding
-from gatjax.sim.backend import prepare
+from gatjax.sim.backend import pairs, prepare
 from gatjax.sim.world import World, add_causes, nominal
 from gatjax.task import Task
 from gatjax.walk.parameters import THETA0
@@ -50,19 +50,20 @@ def behind(world: World) -> World:
     return dataclasses.replace(world, command=moved(world.command), values=values)
 
 
+def walked(run: Any, world: World, count: int, seed: int) -> Any:
+    """So many walks with theta0."""
+    keys = jax.random.split(jax.random.key(seed), count)
+    return jax.tree.map(lambda x: x[0], pairs(run, world.values, THETA0[None], keys))
+
+
 def outcome(world: World, count: int, seed: int) -> Any:
-    """How so many walks with theta0 end."""
-    keys, policies = jax.random.split(jax.random.key(seed), count), THETA0[None]
-    run = prepare(world, "native").outcome
-    return run(world.values, policies.repeat(count, axis=0), keys)
+    """How so many walks end."""
+    return walked(prepare(world, "native").outcome, world, count, seed)
 
 
 def log_of(world: World, seed: int) -> Recording:
-    """What so many walks with theta0 log."""
-    keys, policies = jax.random.split(jax.random.key(seed), LOGS), THETA0[None]
-    walk, _ = prepare(world, "native").rollout(
-        world.values, policies.repeat(LOGS, axis=0), keys
-    )
+    """What LOGS walks log."""
+    walk, _ = walked(prepare(world, "native").rollout, world, LOGS, seed)
     return to_recording(walk, "walks", 1.0 / TASK.control_period, {})
 
 

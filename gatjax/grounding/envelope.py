@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from gatjax.effects.effect import Effect
-from gatjax.grounding.gat import Memory, command_effect
+from gatjax.effects.effect import Effect, memoryless
+from gatjax.grounding.gat import draws
 from gatjax.grounding.grounder import Experience, Grounder
-from gatjax.records import JOINTS
+from gatjax.records import JOINTS, Signal
 from gatjax.robot.nao import WALKING, WALKING_JOINTS
 
 Array = Any
@@ -31,12 +31,11 @@ class Envelope(NamedTuple):
 def envelope_effect(joints: Array) -> Effect:
     """Noise of `alpha * deviation` on these joints' targets; params: `Envelope`."""
 
-    def transform(
-        params: Envelope, memory: Memory, angle: Array, target: Array, noise: Array
-    ) -> Array:
-        return target + params.deviation[joints] * noise
+    def change(params: Envelope, signal: Signal) -> Signal:
+        noise = params.alpha * params.deviation[joints] * draws(signal, joints)
+        return signal._replace(target=signal.target.at[joints].add(noise))
 
-    return command_effect(joints, transform)
+    return memoryless(change)
 
 
 def learn(experience: Experience) -> tuple[Envelope, dict[str, Any]]:

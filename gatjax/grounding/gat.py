@@ -121,7 +121,7 @@ def command_effect(joints: Array, transform: Callable) -> Effect:
     Args:
         joints: [K] indices of the joints that it corrects.
         transform: what the simulator is told instead of `target`, all [K] rad; noise is
-            unit normal, and at no joint what decides there whether a command is lost.
+            unit normal.
     """
 
     def init(params: Any, signal: Signal) -> Memory:
@@ -129,13 +129,21 @@ def command_effect(joints: Array, transform: Callable) -> Effect:
 
     def apply(params: Any, memory: Memory, signal: Signal) -> tuple[Memory, Signal]:
         angle, target = signal.angle[joints], signal.target[joints]
-        noise = jnp.roll(signal.noise[joints], 1)
+        noise = draws(signal, joints)
         changed = transform(params, memory, angle, target, noise)
         sent = params.alpha * changed + (1.0 - params.alpha) * target
         memory = pushed(memory, angle, target, sent)
         return memory, signal._replace(target=signal.target.at[joints].set(sent))
 
     return Effect(init, apply)
+
+
+def draws(signal: Signal, joints: Array) -> Array:
+    """Unit normal draws [K], each another joint's.
+
+    A joint's own one decides whether its command is lost.
+    """
+    return jnp.roll(signal.noise[joints], 1)
 
 
 def joined(memory: Memory, angle: Array, target: Array) -> tuple[Array, Array]:

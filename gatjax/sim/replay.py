@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -86,7 +86,8 @@ def replay_many(
     stiff = np.ones_like(commands) if stiffness is None else np.asarray(stiffness)
     told = Told(commands, draws, stiff)
     servos = actuation(world)
-    plan = Plan(world, find_slots(world.model), servos, _command(world), lead)
+    command = _whole(world.command, bool(world.learned))
+    plan = Plan(world, find_slots(world.model), servos, command, lead)
     physics = _physics(world, values, count)
     physics.reset(stage=mujoco.mjtStage.mjSTAGE_NONE.value)
     physics.qpos[:], physics.qvel[:] = qpos, qvel
@@ -101,11 +102,9 @@ def replay_many(
 RECORDED = ("qpos", "qvel", "sensordata", "actuator_force")
 
 
-def _command(world: World) -> Effect:
-    """Return the command effects; those that were learned are vectorised by jax."""
-    if not world.learned:
-        return chain(**world.command)
-    return _vectorised(tuple(world.command.items()))
+def _whole(parts: Mapping[str, Effect], learned: bool) -> Effect:
+    """Return effects as one; with such as were learned it is vectorised by jax."""
+    return _vectorised(tuple(parts.items())) if learned else chain(**parts)
 
 
 @functools.lru_cache(KEPT)
@@ -295,9 +294,7 @@ def _sensor(
         n for n in plan.world.sensor if n != "noise" and (learned or n not in foreign)
     ]
     parts = {name: plan.world.sensor[name] for name in names}
-    sensor = (
-        _vectorised(tuple(parts.items())) if learned and foreign else chain(**parts)
-    )
+    sensor = _whole(parts, learned and bool(foreign))
     return sensor, {name: values.sensor[name] for name in names}
 
 

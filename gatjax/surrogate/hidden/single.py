@@ -80,7 +80,7 @@ class Joint:
         self.blind = self._spread(gear, "encoder_on_motor", 0.0) > 0.5
         self.open = is_geared & ~self.springy  # may be without contact
         self.springs, self.opens = self.springy.any(), self.open.any()
-        self.damping, self.coulomb, self.stribeck, self.velocity = (
+        self.damping, self.coulomb, self.stribeck, self.fades = (
             self.numbers[name][:, 0]
             for name in ("damping", "coulomb", "stribeck", "stribeck_velocity")
         )
@@ -108,10 +108,8 @@ class Joint:
 
     def level(self) -> np.ndarray:
         """Dry friction [L], N m."""
-        level = self.coulomb.copy()
-        if self.stribeck.any():
-            ratio = self.now.motor_speed / self.velocity
-            level += self.stribeck * np.exp(-(ratio**2))
+        ratio = self.now.motor_speed / self.fades
+        level = self.coulomb + self.stribeck * np.exp(-(ratio**2))
         for term in self.servo.terms["friction"]:
             level[term.at] += term(self.now)
         return level
