@@ -71,7 +71,7 @@ class Held(NamedTuple):
     ) -> tuple[list[motions.Motion], list[weights.Loads]]:
         """Loads by inverse dynamics."""
         if fits:
-            moved = _resimulated(self.runs, known, fits)
+            moved = resimulated(self.runs, known, fits)
         else:
             lead = motions.lead_of(self.tree.model)
             fine = motions.grid_time(self.runs, STEP, lead)[:: motions.FINE]
@@ -289,7 +289,7 @@ def left_aside(case: Case, runs: dict[int, tuple[int, ...]]) -> Case:
     return dataclasses.replace(case, joints=ready, aside=every)
 
 
-def _resimulated(
+def resimulated(
     runs: list[JointRun], ready: list[Joint], fits: list[Fit]
 ) -> list[motions.Motion]:
     """Motions of the fitted joints, corrected by what the fits leave.

@@ -152,7 +152,7 @@ def instead(
         before: what was known before each of them.
     """
     last = set(causes[-1].claim.fits)
-    if not last or not judge.apart:
+    if not last or not judge.apart(last):
         return judge, causes  # about floor, soles or inertial unit, or felt by them
     start = next(n for n, c in enumerate(causes) if last & set(c.claim.fits))
     bad = [k for k in last if not adequate(judge, k)]

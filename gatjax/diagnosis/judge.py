@@ -41,8 +41,11 @@ class Judge(Accepting):
     """Finds the claims that explain a case best, given what is explained already."""
 
     most = 3  # causes of a case
-    apart = True  # each joint shows what is wrong with it, whatever the others do
     worth = WORTH  # nats that a first one needs
+
+    def apart(self, joints: Collection[int]) -> bool:
+        """Whether joints show what is wrong with them, whatever the others do."""
+        return True
 
     def visibility(self, claim: Claim) -> float:
         """Visibility d of a claim: its RMS change over the scatter from tolerances.

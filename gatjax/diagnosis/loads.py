@@ -27,6 +27,7 @@ TERMS = 4  # load shapes that body tolerances may add
 COARSE = 8  # points of a motion between two at which changed bodies are weighed
 BODY_TERMS = ("mass", "com_x", "com_y", "com_z", "spin")
 GRAVITY_TERMS = ("x", "y", "z")
+Rows = np.ndarray | slice
 
 
 class Load(NamedTuple):
@@ -57,9 +58,12 @@ class Tree:
             self.moves[model.jnt_dofadr[follower], column] = ratio[1]
             self.ties.append((model.jnt_qposadr[follower], column, ratio))
 
-    def placed(self, position: np.ndarray) -> np.ndarray:
-        """Positions of the physics [N, nq] for joint positions [N, J], rad."""
+    def placed(self, motion: Motion, rows: Rows = slice(None)) -> np.ndarray:
+        """Positions of the physics [N, nq] at rows of a motion."""
+        position = motion.position[rows]
         qpos = np.tile(self.model.qpos0, (len(position), 1))
+        if motion.base is not None:
+            qpos[:, :7] = motion.base.position[rows]
         qpos[:, self.qpos] = position
         for address, column, ratio in self.ties:
             turned = position[:, column] - self.model.qpos0[self.qpos[column]]
@@ -67,12 +71,23 @@ class Tree:
             qpos[:, address] += np.polyval(ratio[::-1], turned)
         return qpos
 
+    def speeds(
+        self, motion: Motion, rows: Rows = slice(None)
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Velocities and accelerations of the physics [N, nv] at rows of a motion."""
+        speed = motion.velocity[rows] @ self.moves.T
+        pushed = motion.acceleration[rows] @ self.moves.T
+        if motion.base is not None:
+            speed[:, :6] = motion.base.velocity[rows]
+            pushed[:, :6] = motion.base.acceleration[rows]
+        return speed, pushed
+
     def loads(self, motion: Motion) -> Load:
         """Loads of all joints along a motion; slopes are left 0."""
         model, moves = self.model, self.moves
         data, count = mujoco.MjData(model), len(motion.time)
         dense, bias = np.zeros((count, model.nv, model.nv)), np.empty((count, model.nv))
-        qpos, qvel = self.placed(motion.position), motion.velocity @ moves.T
+        qpos, (qvel, _) = self.placed(motion), self.speeds(motion)
         for row in range(count):
             data.qpos[:], data.qvel[:] = qpos[row], qvel[row]
             mujoco.mj_fwdPosition(model, data)
@@ -83,13 +98,16 @@ class Tree:
         inertia = np.diagonal(reduced, axis1=1, axis2=2).copy()
         rest = bias @ moves - inertia * pushed
         rest += (reduced @ pushed[..., None])[..., 0]
+        if motion.base is not None:
+            along = motion.base.acceleration[..., None]
+            rest += (moves.T @ dense[..., :6] @ along)[..., 0]
         return Load(rest, np.zeros_like(rest), inertia)
 
     def pulls(self, motion: Motion, rows: np.ndarray) -> np.ndarray:
         """What gravity pulls at each joint [N, J], N m."""
         model, data = self.model, mujoco.MjData(self.model)
         found = []
-        for qpos in self.placed(motion.position[rows]):
+        for qpos in self.placed(motion, rows):
             data.qpos[:] = qpos
             mujoco.mj_kinematics(model, data)
             mujoco.mj_comPos(model, data)
@@ -104,9 +122,9 @@ class Tree:
         slope = np.zeros((len(rows), joints))
         for joint in range(joints):
             for sign in (-1.0, 1.0):
-                position = motion.position[rows]
+                position = motion.position.copy()
                 position[:, joint] += sign * step
-                qpos = self.placed(position)
+                qpos = self.placed(motion._replace(position=position), rows)
                 for row in range(len(rows)):
                     data.qpos[:] = qpos[row]
                     mujoco.mj_kinematics(model, data)
@@ -174,7 +192,7 @@ class Tree:
         """Axes, anchors, centres of mass and frames [N, ...] in the world."""
         model, data = self.model, mujoco.MjData(self.model)
         found = []
-        for qpos in self.placed(motion.position[rows]):
+        for qpos in self.placed(motion, rows):
             data.qpos[:] = qpos
             mujoco.mj_kinematics(model, data)
             frames = data.xmat.reshape(-1, 3, 3)
@@ -255,8 +273,7 @@ def _changes(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What other bodies, a term of each body, and gravity change: as in Loads."""
     model, moves, pushed = tree.model, tree.moves, motion.acceleration[few]
-    speeds = (each[few] @ moves.T for each in (motion.velocity, motion.acceleration))
-    swing = Swing(model, tree.placed(motion.position[few]), *speeds)
+    swing = Swing(model, tree.placed(motion, few), *tree.speeds(motion, few))
     nominal = inertials(model)
     drawn = np.stack([inertials(other) - nominal for other in others], -1)
     draws = np.zeros((2, *pushed.shape, len(others)))

@@ -16,6 +16,14 @@ FINE = 5  # simulation steps between two points of a motion
 WHOLE = 2000  # steps: grids are multiples of it, so that logs share compiled programs
 
 
+class Ride(NamedTuple):
+    """How a base moves, as MuJoCo has the coordinates of a free joint."""
+
+    position: np.ndarray  # [M, 7]
+    velocity: np.ndarray  # [M, 6]
+    acceleration: np.ndarray  # [M, 6]
+
+
 class Motion(NamedTuple):
     """Motion of one run on an even grid [M] s; the others are [M, J], in rad and s."""
 
@@ -23,6 +31,7 @@ class Motion(NamedTuple):
     position: np.ndarray
     velocity: np.ndarray
     acceleration: np.ndarray
+    base: Ride | None = None  # of a robot that stands; None: it is fixed
 
 
 def smoothed(run: JointRun, angle: np.ndarray, time: np.ndarray) -> Motion:

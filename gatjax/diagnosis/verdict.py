@@ -73,7 +73,7 @@ def decide(judge: Judge) -> Verdict:
             break
         best = _catalogued(judge, claims, best)
         now = Before(judge.fork(), claims)
-        if judge.apart and not whole(judge, best):
+        if judge.apart(best.fits) and not whole(judge, best):
             room = len(causes) + 1 < judge.most
             couple = pairs.better(judge, claims, best) if room else None
             trial, both = (judge, []) if couple is None else coupled(judge, couple)

@@ -87,15 +87,20 @@ def _stack(channels: Channels, names: tuple[str, ...]) -> np.ndarray:
 
 
 def observe(standing: Standing) -> Observed:
-    """Put logs and ensemble into vectors."""
+    """Put logs and ensemble into vectors.
+
+    Joints of limbs that touch nothing are left out: each shows by itself what is wrong
+    with it, and says little of the rest.
+    """
     joints = joint_names(standing.model)
+    bearing = [name for k, name in enumerate(joints) if k not in standing.free]
     first = standing.ensembles[0].rows[0]
     known = simulated(standing.model, first, standing.runs[0].time[:2] * 0.0)
     shared = [
         name for name in known
         if all(name in logged and np.ptp(logged[name]) for logged in standing.channels)
     ]  # fmt: skip
-    names = (*joints, *shared)
+    names = (*bearing, *shared)
     measured, noises = [], []
     for run, logged in zip(standing.runs, standing.channels, strict=True):
         angle = dict(zip(joints, run.angle.T, strict=True))
@@ -111,7 +116,7 @@ def observe(standing: Standing) -> Observed:
         parts.append(seen[1:] - seen[0])
     drawn = np.concatenate(parts)
     scatter = np.moveaxis(drawn, 0, -1) / np.sqrt(len(drawn))
-    reading = _heard(np.mean(noises, 0), len(joints))
+    reading = _heard(np.mean(noises, 0), len(bearing))
     missed = _missed(drawn, reading)
     own = _own(standing, names)
     parts = [scatter, _biases(names, scatter.shape[1]), _turning(standing, names), own]

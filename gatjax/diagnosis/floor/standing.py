@@ -9,9 +9,11 @@ import mujoco
 import numpy as np
 
 from gatjax.data.trajectories import JointRun
+from gatjax.diagnosis.case import resimulated
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.floor import pushes, tolerances, weights
 from gatjax.diagnosis.floor.channels import TILT, Channels
+from gatjax.diagnosis.floor.limbs import along_limbs, free
 from gatjax.diagnosis.floor.played import Rows, replayed, world_of
 from gatjax.diagnosis.floor.tolerances import Draw
 from gatjax.diagnosis.floor.weights import Trace
@@ -48,6 +50,7 @@ class Standing(NamedTuple):
     channels: list[Channels]  # of each run
     ensembles: list[Ensemble]
     allowed: Tolerances
+    free: frozenset[int]  # joints of limbs that touch nothing
     follows: bool = False  # the motion is simulated: tolerances do not change it
     assumed: tuple[()] = ()  # of the joints, besides the model
 
@@ -66,9 +69,15 @@ class Standing(NamedTuple):
         """
         time = grid_time(self.runs, STEP)[::FINE]
         followed = _followed(known, fits)
+        limbs = resimulated(self.runs, known, fits) if fits else [
+            smoothed(run, run.angle, time) for run in self.runs
+        ]  # fmt: skip
         motions, loads = [], []
         for number, run in enumerate(self.runs):
-            wanted = {k: angle[:, number] for k, (angle, _) in followed.items()}
+            wanted = {
+                k: angle[:, number] for k, (angle, _) in followed.items()
+                if k not in self.free
+            }  # fmt: skip
             trace = _traced(self.tree, run, time, wanted)
             stamps = run.time - run.time[0]
             seen = [np.interp(stamps, time, q) for q in trace.motion.position.T]
@@ -78,8 +87,10 @@ class Standing(NamedTuple):
             left = smoothed(run, rest, time[::COARSE]).position
             answers = [moment.answer for moment in trace.moments]
             felt = pushes.felt(answers, left, scatter(self, number))
-            motions.append(trace.motion)
-            loads.append(_loads(self, number, trace, felt))
+            load = _loads(self, number, trace, felt)
+            moved, load = along_limbs(self.tree, self.free, limbs[number], trace, load)
+            motions.append(moved)
+            loads.append(load)
         return motions, loads
 
 
@@ -116,7 +127,7 @@ def prepare(
             _stood(Ensemble(world, robots, replayed(world, runs, values, -zero)))
         )
     tree = Tree(model, model.actuator_trnid[:, 0])
-    return Standing(model, tree, runs, channels, found, allowed)
+    return Standing(model, tree, runs, channels, found, allowed, free(tree, runs))
 
 
 def upright(

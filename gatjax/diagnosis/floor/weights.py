@@ -27,7 +27,7 @@ from gatjax.diagnosis.loads import (
     Load,
     Tree,
 )
-from gatjax.diagnosis.motion import FINE, LEAD, Motion, cells, spread
+from gatjax.diagnosis.motion import FINE, LEAD, Motion, Ride, cells, spread
 from gatjax.diagnosis.regressor import Swing, shifts
 from gatjax.sim.limbs import put_down
 
@@ -81,9 +81,11 @@ def trace(
     shape = (len(time), tree.moves.shape[1])
     moments = []
     position, velocity, acceleration, carried, slope, inertia = np.zeros((6, *shape))
+    ride = Ride(*(np.zeros((len(time), width)) for width in (7, 6, 6)))
     for point in range(len(time)):
         position[point] = data.qpos[tree.qpos]
         velocity[point] = data.qvel[_dofs(tree)]
+        ride.position[point], ride.velocity[point] = data.qpos[:7], data.qvel[:6]
         if point % COARSE == 0:
             mujoco.mj_forward(model, data)
             answer = frame.answer(model, data)
@@ -92,17 +94,19 @@ def trace(
             moments.append(Moment(*state, answer))
         for step in range(FINE):
             data.ctrl[:] = targets[point * FINE + step]
-            before = data.qvel[_dofs(tree)].copy()
+            before = data.qvel.copy()
             mujoco.mj_step(model, data)
             given = data.qfrc_actuator + data.qfrc_passive + _bounds(model, data)
             carried[point] += tree.moves.T @ given / FINE
-            acceleration[point] += (data.qvel[_dofs(tree)] - before) / (STEP * FINE)
+            pushed = (data.qvel - before) / (STEP * FINE)
+            acceleration[point] += pushed[_dofs(tree)]
+            ride.acceleration[point] += pushed[:6]
     few = np.arange(0, len(time), COARSE)
     slope, inertia = (
         np.stack([np.interp(time, time[few], s) for s in series[few].T], -1)
         for series in (slope, inertia)
     )
-    motion = Motion(time, position, velocity, acceleration)
+    motion = Motion(time, position, velocity, acceleration, ride)
     rest = carried - inertia * acceleration
     return Trace(motion, Load(rest, slope, inertia), moments)
 
