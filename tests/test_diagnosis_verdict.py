@@ -296,6 +296,36 @@ def test_a_cause_is_not_told_beside_a_better_one_that_is_no_finding(
     assert [cause.claim.hypothesis.cause for cause in causes] == expected
 
 
+@pytest.mark.parametrize(("gain", "where", "first", "told"), [
+    (100.0, (1,), "", ["gain"]),
+    (100.0, (1,), "doubt", ["gain"]),  # a cause that is too unlikely to be told
+    (25.0, (1,), "", []),  # what disturbs one joint may be felt at another one
+    (100.0, (0, 1), "", []),
+])  # fmt: skip
+def test_a_joint_without_a_name_ends_no_search_at_others(
+    named, monkeypatch, gain, where, first, told
+):
+    fits = dict.fromkeys(where, FIT)
+    other = claim("gain", gain)._replace(where=where, fits=fits)
+    judge = Told({}, [claim(first, 300.0), other])
+    judge.most, judge.joints, judge.fork = 3, [None] * 4, lambda: judge
+    judge.current = lambda claim: claim
+    monkeypatch.setattr(verdict, "whole", lambda judge, claim: claim.hypothesis.cause)
+    monkeypatch.setattr(
+        verdict, "worth_telling",
+        lambda judge, claim, *_: claim.hypothesis.cause != "doubt",
+    )  # fmt: skip
+    monkeypatch.setattr(verdict, "_everywhere", lambda judge: [])
+    monkeypatch.setattr(verdict.pairs, "better", lambda *_: None)
+    monkeypatch.setattr(verdict, "instead", lambda judge, causes, _: (judge, causes))
+    monkeypatch.setattr(verdict, "adequate", lambda judge, k: k != 0)
+    found = verdict.decide(judge)
+    assert [cause.claim.hypothesis.cause for cause in found.causes] == told
+    assert found.unexplained == [0]
+    assert (found.law is None) == bool(first)
+    assert found.verdict == ("named" if told else "unknown")
+
+
 @pytest.mark.parametrize("first, second, covered", [
     ("payload", "com_shift", True),  # it is a payload beside the centre of mass
     ("com_shift", "payload", False),
