@@ -270,7 +270,7 @@ def test_a_further_value_of_a_cause_takes_no_other_causes_place(named, monkeypat
     every = [at("lag", 0), at("lag", 1), at("lag", 2), at("gain", 3), at("rub", 4)]
     judge = Told({}, [*every, at("sag", 5)])
     judge.most, judge.joints, judge.fork = 3, [None] * 6, lambda: judge
-    judge.apart, judge.current = False, lambda claim: claim
+    judge.apart, judge.current = lambda joints: False, lambda claim: claim
     monkeypatch.setattr(verdict, "_everywhere", lambda judge: [])
     monkeypatch.setattr(verdict, "exchanged", lambda judge, causes, _: (judge, causes))
     monkeypatch.setattr(verdict, "instead", lambda judge, causes, _: (judge, causes))
@@ -294,6 +294,39 @@ def test_a_cause_is_not_told_beside_a_better_one_that_is_no_finding(
     judge.current = lambda claim: claim
     causes = verdict.decide(judge).causes
     assert [cause.claim.hypothesis.cause for cause in causes] == expected
+
+
+@pytest.mark.parametrize(("gain", "where", "first", "told"), [
+    (100.0, (1,), "", ["gain"]),
+    (100.0, (1,), "doubt", ["gain"]),  # a cause that is too unlikely to be told
+    (25.0, (1,), "", []),  # what disturbs one joint may be felt at another one
+    (100.0, (0, 1), "", []),
+    (100.0, (1,), "floor", []),  # which all joints feel
+])  # fmt: skip
+def test_a_joint_without_a_name_ends_no_search_at_others(
+    named, monkeypatch, gain, where, first, told
+):
+    fits = dict.fromkeys(where, FIT)
+    other = claim("gain", gain)._replace(where=where, fits=fits)
+    best = claim(first, 300.0)
+    best = best._replace(fits={}) if first == "floor" else best
+    judge = Told({}, [best, other])
+    judge.most, judge.joints, judge.fork = 3, [None] * 4, lambda: judge
+    judge.current, judge.apart = lambda claim: claim, bool
+    monkeypatch.setattr(verdict, "whole", lambda judge, claim: claim.hypothesis.cause)
+    monkeypatch.setattr(
+        verdict, "worth_telling",
+        lambda judge, claim, *_: claim.hypothesis.cause not in ("doubt", "floor"),
+    )  # fmt: skip
+    monkeypatch.setattr(verdict, "_everywhere", lambda judge: [])
+    monkeypatch.setattr(verdict.pairs, "better", lambda *_: None)
+    monkeypatch.setattr(verdict, "instead", lambda judge, causes, _: (judge, causes))
+    monkeypatch.setattr(verdict, "adequate", lambda judge, k: k != 0)
+    found = verdict.decide(judge)
+    assert [cause.claim.hypothesis.cause for cause in found.causes] == told
+    assert found.unexplained == [0]
+    assert (found.law is None) == bool(first)
+    assert found.verdict == ("named" if told else "unknown")
 
 
 @pytest.mark.parametrize("first, second, covered", [

@@ -24,6 +24,7 @@ from gatjax.diagnosis.weighing import (
 CERTAIN = 0.8  # probability from which a cause is named
 MANY = 4  # joints of a cause that is sure though one of them is unexplained
 STRAINED = 30.0  # squared deviations of a joint whose tolerances imitate something
+BESIDE = 30.0  # nats of a cause where another joint has something without a name
 
 
 class Verdict(NamedTuple):
@@ -61,35 +62,37 @@ def conclude(judge: Judge) -> Verdict:
 
 
 def decide(judge: Judge) -> Verdict:
-    """Name causes one after the other until nothing worth naming is left."""
+    """Name causes one after the other until nothing worth naming is left.
+
+    A joint whose best law has no name, or whose causes are too doubtful to be told, is
+    looked at no more, and others have to show theirs plainly: what disturbs one joint
+    may be felt at others, and look like a cause there.
+    """
     causes = _everywhere(judge)
     law: Claim | None = None
     claims = further(judge, causes)
     before = [Before(judge.fork(), claims)] * len(causes)  # each of the causes
-    turn = 0
+    turn, shut = 0, frozenset[int]()
     while max(len(causes), turn) < judge.most:  # a cause may come and go
-        best = next((c for c in claims if worth_naming(judge, c)), None)
+        worth = (c for c in claims if worth_naming(judge, c))
+        best = next((c for c in worth if not shut or _beside(judge, c, shut)), None)
         if best is None:
             break
         best = _catalogued(judge, claims, best)
         now = Before(judge.fork(), claims)
         if judge.apart(best.fits) and not whole(judge, best):
-            room = len(causes) + 1 < judge.most
-            couple = pairs.better(judge, claims, best) if room else None
-            trial, both = (judge, []) if couple is None else coupled(judge, couple)
-            sure = both and min(cause.probability for cause in both) >= LIKELY
-            if (
-                not sure
-                or _eased(judge, best, trial)
-                or not adequate(trial, best.where[0])
-            ):
-                law = best if not best.hypothesis.cause else None
-                break
+            room = len(causes) + 1 < judge.most and not shut
+            trial, both = _both(judge, claims, best) if room else (judge, [])
+            if not both:
+                law = law or (None if best.hypothesis.cause else best)
+                shut |= set(best.fits)
+                continue
             judge, causes, before = trial, [*causes, *both], [*before, now, now]
         else:
             cause = weighed(judge, best, claims)
             if not worth_telling(judge, best, claims, causes):
-                break
+                shut |= set(best.fits or range(len(judge.joints)))  # all feel the floor
+                continue
             judge.most += any(elsewhere(best, c.claim) for c in causes)
             causes.append(cause._replace(claim=judge.accept(best)))
             before.append(now)
@@ -104,7 +107,9 @@ def decide(judge: Judge) -> Verdict:
         was = judge
         judge, causes = instead(judge, causes, before)
         if judge is not was:
-            law, claims = None, further(judge, causes)
+            claims = further(judge, causes)
+            if law is not None and any(law.rivals(cause.claim) for cause in causes):
+                law = None
     left = [k for k in range(len(judge.joints)) if not adequate(judge, k)]
     if law is not None:
         left = sorted({*left, *law.where})
@@ -112,6 +117,22 @@ def decide(judge: Judge) -> Verdict:
         left = sorted({*left, *judge.case.aside})
     causes = [cause._replace(claim=judge.current(cause.claim)) for cause in causes]
     return Verdict(word(causes, left), causes, left, law, claims, judge)
+
+
+def _beside(judge: Judge, claim: Claim, shut: frozenset[int]) -> bool:
+    """Whether a claim is about other joints than those, and shows plainly there."""
+    own = judge.apart(claim.fits) and shut.isdisjoint(claim.fits)
+    return own and claim.gain >= BESIDE
+
+
+def _both(judge: Judge, claims: list[Claim], best: Claim) -> tuple[Judge, list[Cause]]:
+    """Two sure causes that explain a joint better than its best claim; none if none."""
+    couple = pairs.better(judge, claims, best)
+    trial, both = (judge, []) if couple is None else coupled(judge, couple)
+    sure = both and min(cause.probability for cause in both) >= LIKELY
+    if not sure or _eased(judge, best, trial) or not adequate(trial, best.where[0]):
+        return judge, []
+    return trial, both
 
 
 def _catalogued(judge: Judge, claims: list[Claim], best: Claim) -> Claim:
