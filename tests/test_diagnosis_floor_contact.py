@@ -109,7 +109,9 @@ def test_joints_of_a_standing_robot_are_looked_at_with_a_part_of_the_bank(
     banks = []
     monkeypatch.setattr(search, "proposals", lambda *told: banks.append(told[2]) or [])
     monkeypatch.setattr(judges, "of_drive", lambda joint, bank: (joint, bank))
-    judge: Any = SimpleNamespace(joints=["hip"], known=["healthy"])
+    judge: Any = SimpleNamespace(
+        joints=["hip"], known=["healthy"], apart=lambda joints: False
+    )
     for own in ((), (CAUSES,)):
         assert StandingJudge.explained(judge, 0, *own) == []
     assert banks == [("hip", CAUSES + OTHERS), ("hip", CAUSES)]
