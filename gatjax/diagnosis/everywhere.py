@@ -37,7 +37,7 @@ def causes(judge: Judge) -> list[list[Option]]:
         For each cause the options in its place, itself first and then the best.
     """
     every = range(len(judge.joints))
-    if not judge.apart(range(len(judge.joints))) or len(every) < FEWEST:
+    if not judge.apart(every) or len(every) < FEWEST:
         return []
     wrong = _left(judge, dict(enumerate(judge.known)))
     if _few(wrong, len(every)):

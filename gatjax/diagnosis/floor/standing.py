@@ -62,7 +62,8 @@ class Standing(NamedTuple):
         Args:
             known: joints as the engine simulates them, on loads found before.
             fits: what is known about each; joints with a hypothesis are made to move
-                as they say, and what they leave counts as unexplained by them.
+                as they say, and what they leave counts as unexplained by them. Joints
+                of free limbs move as measured.
 
         Returns:
             One motion and one load for each run, for `gatjax.diagnosis.assembly.build`.
