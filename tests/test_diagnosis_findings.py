@@ -18,22 +18,26 @@ LESSER = tuple(each for each in CAUSES if each.variant == LESS)
 
 
 @pytest.mark.parametrize(
-    ("accepted", "joints", "calm", "nats"),
+    ("accepted", "joints", "calm", "borne", "nats"),
     [
-        ([], (0,), {0}, WORTH),  # a first cause
-        ([], (), set(), findings.AGAIN),  # of the floor: all joints are explained
-        ([object()], (0,), {0}, findings.AGAIN),  # needs more where all is explained
-        ([object()], (0, 1), {0}, LATER),
-        ([object()], (1,), {0}, LATER),
+        ([], (0,), {0}, False, WORTH),  # a first cause
+        ([], (), set(), True, findings.BORNE),  # of the floor: all joints are explained
+        ([], (0,), {0}, True, findings.BORNE),  # of a leg that stands
+        ([], (0,), set(), True, WORTH),
+        ([object()], (0,), {0}, True, findings.BORNE),
+        ([object()], (0,), {0}, False, findings.AGAIN),  # more where all is explained
+        ([object()], (0, 1), {0}, False, LATER),
+        ([object()], (1,), {0}, False, LATER),
     ],
 )
 def test_a_further_cause_needs_more_where_the_rest_is_noise(
-    monkeypatch, accepted, joints, calm, nats
+    monkeypatch, accepted, joints, calm, borne, nats
 ):
     monkeypatch.setattr(findings, "adequate", lambda judge, index: index in calm)
     judge = object.__new__(Judge)
     judge.accepted = accepted
     judge.joints = [SimpleNamespace(assumed=NOTHING)] * 3
+    judge.apart = lambda joints: not borne
     assert findings.needed(judge, joints)[0] == nats
 
 

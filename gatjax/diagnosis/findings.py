@@ -15,6 +15,7 @@ VISIBLE = 0.5  # the same beside another cause
 DECISIVE = 100.0  # nats: what tolerances fail at so badly may be smaller than they
 SECOND_SHARE = 0.8  # as LEAST_SHARE, where a joint is explained but for a little
 AGAIN = 20.0  # nats of a further cause there, or where tolerances are enough
+BORNE = 30.0  # the same of what bears a standing robot, whose contacts are drawn simply
 DRAWN_SHARE = 0.7  # as LEAST_SHARE, of a further cause at a joint that is drawn
 EXPECTED = 1.3  # misfit power of a right model, in squares of the reading noise
 SPENT = 9.0  # squared deviations: tolerances that imitate a cause instead of a misfit
@@ -57,11 +58,12 @@ def needed(judge: Judge, joints: Collection[int]) -> tuple[float, float]:
     Without joints it is about floor, soles or inertial unit, which explain all of them.
     """
     first = not any(judge.joints[k].assumed.named for k in joints)
-    if first and not judge.accepted and joints:
+    calm = all(adequate(judge, k) for k in joints)
+    borne = calm and not judge.apart(joints)
+    if first and not judge.accepted and joints and not borne:
         return judge.worth, SEEN
     visible = VISIBLE if judge.accepted else SEEN
-    calm = all(adequate(judge, k) for k in joints)
-    return (AGAIN if calm else LATER), visible
+    return (BORNE if borne else AGAIN if calm else LATER), visible
 
 
 def whole(judge: Judge, claim: Claim) -> bool:
