@@ -166,12 +166,12 @@ def test_a_fit_that_leads_far_astray_does_not_make_the_motion(monkeypatch):
     run = JointRun(0, stamps, 0.0 * stamps[:, None], 0.0 * stamps[:, None])
     point = None, np.zeros(TOLERANCES)
     wrong = fits.start(plain, [point])[0]  # the joint was measured at rest
-    (motion,) = cases.resimulated([run], [plain], [wrong])
+    (motion,) = cases._resimulated([run], [plain], [wrong])
     assert np.abs(motion.position).max() < 1e-12
     seen = -fits.residuals(plain, [point]).reshape(1, -1)
     moved = plain._replace(measured=seen)
     right = fits.start(moved, [point])[0]
-    (motion,) = cases.resimulated([run], [moved], [right])
+    (motion,) = cases._resimulated([run], [moved], [right])
     assert np.abs(motion.position).max() > 0.2
 
 

@@ -70,12 +70,8 @@ class Held(NamedTuple):
         self, known: list[Joint], fits: list[Fit]
     ) -> tuple[list[motions.Motion], list[weights.Loads]]:
         """Loads by inverse dynamics."""
-        if fits:
-            moved = resimulated(self.runs, known, fits)
-        else:
-            lead = motions.lead_of(self.tree.model)
-            fine = motions.grid_time(self.runs, STEP, lead)[:: motions.FINE]
-            moved = [motions.smoothed(run, run.angle, fine) for run in self.runs]
+        lead = motions.lead_of(self.tree.model)
+        moved = measured(self.runs, known, fits, lead)
         return moved, [weights.weigh(self.tree, each, self.others) for each in moved]
 
 
@@ -289,7 +285,24 @@ def left_aside(case: Case, runs: dict[int, tuple[int, ...]]) -> Case:
     return dataclasses.replace(case, joints=ready, aside=every)
 
 
-def resimulated(
+def measured(
+    runs: list[JointRun], ready: list[Joint], fits: list[Fit], lead: float
+) -> list[motions.Motion]:
+    """Motions as measured, smoothed; with the fast parts of fits, if there are any.
+
+    Args:
+        runs: gives the readings.
+        ready: joints as the engine simulates them.
+        fits: one for each joint, or none.
+        lead: s at rest before a run.
+    """
+    if fits:
+        return _resimulated(runs, ready, fits)
+    fine = motions.grid_time(runs, STEP, lead)[:: motions.FINE]
+    return [motions.smoothed(run, run.angle, fine) for run in runs]
+
+
+def _resimulated(
     runs: list[JointRun], ready: list[Joint], fits: list[Fit]
 ) -> list[motions.Motion]:
     """Motions of the fitted joints, corrected by what the fits leave.

@@ -56,20 +56,18 @@ def _touched(model: mujoco.MjModel, run: JointRun) -> set[int]:
 
 
 def along_limbs(
-    tree: Tree, joints: frozenset[int], limbs: Motion, trace: Trace, loads: Loads
+    tree: Tree, own: list[int], limbs: Motion, trace: Trace, loads: Loads
 ) -> tuple[Motion, Loads]:
     """A trace some of whose joints move as measured, and the loads of both.
 
     Args:
         tree: of the model.
-        joints: that move as measured, of free limbs.
+        own: joints that move as measured, of free limbs.
         limbs: the measured motion, at the points of the trace.
         trace: of the robot.
-        loads: along the trace, and what the feet were pushed by.
+        loads: along the trace, and what the feet were pushed by; those of the limbs
+            are replaced.
     """
-    own = sorted(joints)
-    if not own:
-        return trace.motion, loads
     series = {}
     for name in ("position", "velocity", "acceleration"):
         series[name] = getattr(trace.motion, name).copy()

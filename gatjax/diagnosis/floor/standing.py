@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from gatjax.data.trajectories import JointRun
-from gatjax.diagnosis.case import resimulated
+from gatjax.diagnosis.case import measured
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.floor import pushes, tolerances, weights
 from gatjax.diagnosis.floor.channels import TILT, Channels
@@ -21,7 +21,7 @@ from gatjax.diagnosis.hypotheses import numbers
 from gatjax.diagnosis.joint import STEP, Joint
 from gatjax.diagnosis.loads import COARSE, Loads, Tree
 from gatjax.diagnosis.measure import fallen
-from gatjax.diagnosis.motion import FINE, Motion, grid_time, smoothed
+from gatjax.diagnosis.motion import FINE, LEAD, Motion, grid_time, smoothed
 from gatjax.diagnosis.noise import noise_of
 from gatjax.diagnosis.tolerances import USUAL, Tolerances
 from gatjax.sim.world import World, dividing
@@ -70,9 +70,7 @@ class Standing(NamedTuple):
         """
         time = grid_time(self.runs, STEP)[::FINE]
         followed = _followed(known, fits)
-        limbs = resimulated(self.runs, known, fits) if fits else [
-            smoothed(run, run.angle, time) for run in self.runs
-        ]  # fmt: skip
+        limbs = measured(self.runs, known, fits, LEAD) if self.free else []
         motions, loads = [], []
         for number, run in enumerate(self.runs):
             wanted = {
@@ -88,8 +86,10 @@ class Standing(NamedTuple):
             left = smoothed(run, rest, time[::COARSE]).position
             answers = [moment.answer for moment in trace.moments]
             felt = pushes.felt(answers, left, scatter(self, number))
-            load = _loads(self, number, trace, felt)
-            moved, load = along_limbs(self.tree, self.free, limbs[number], trace, load)
+            moved, load = trace.motion, _loads(self, number, trace, felt)
+            if limbs:
+                own = sorted(self.free)
+                moved, load = along_limbs(self.tree, own, limbs[number], trace, load)
             motions.append(moved)
             loads.append(load)
         return motions, loads
