@@ -3,6 +3,7 @@
 import sys
 from importlib import metadata
 
+import jax
 import mujoco
 import pytest
 
@@ -81,6 +82,61 @@ def test_auto_does_not_take_native_where_a_gpu_may_have_been_left_out(monkeypatc
     assert setting.resolved(LoopSettings(backend="native")).backend == "native"
 
 
+@pytest.fixture
+def gpu(tmp_path):
+    (tmp_path / "nvidia0").touch()
+    (tmp_path / "nvidiactl").touch()
+    return tmp_path
+
+
+def test_a_gpu_that_jax_leaves_out_is_told_where_its_plugin_is_installed(
+    gpu, tmp_path_factory, monkeypatch
+):
+    def only(plugin):
+        return lambda name: GOOD[name.replace("13", "12")] if name == plugin else gone()
+
+    def gone():
+        raise metadata.PackageNotFoundError
+
+    monkeypatch.setattr(type(jax.config), "jax_platforms", None)
+    for plugin in ("jax-cuda12-plugin", "jax-cuda13-plugin"):
+        line = versions.unused_gpu(only(plugin), gpu)
+        assert line.startswith("JAX does not use this machine's NVIDIA GPU though")
+        assert f"{plugin} 0.10.2" in line and "\n" not in line
+    assert versions.unused_gpu(only("none"), gpu) is None  # JAX itself warns
+    nothing = tmp_path_factory.mktemp("dev")
+    assert versions.unused_gpu(only("jax-cuda12-plugin"), nothing) is None
+    monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
+    assert versions.unused_gpu(only("jax-cuda12-plugin"), gpu) is None
+    monkeypatch.setattr(jax, "default_backend", lambda: "cpu")
+    monkeypatch.setattr(type(jax.config), "jax_platforms", "cpu")  # asked for
+    assert versions.unused_gpu(only("jax-cuda12-plugin"), gpu) is None
+
+
+def test_auto_and_doctor_tell_of_it(monkeypatch):
+    words = "JAX does not use this machine's NVIDIA GPU"
+    for module in (setting, doctor):
+        monkeypatch.setattr(module, "unused_gpu", lambda: words)
+    with pytest.raises(ValueError, match=r"NVIDIA GPU .*--backend native"):
+        setting.resolved(LoopSettings())
+    assert setting.resolved(LoopSettings(backend="native")).backend == "native"
+    found = dict(_first(doctor.examine(), 12))
+    assert found["devices"] == f"broken: {words}"
+    assert found["backend"].startswith("refused, see devices")
+
+
+def test_a_plugin_that_cannot_start_is_a_finding(monkeypatch):
+    def broken():
+        raise RuntimeError("Unable to initialize backend 'cuda':\n INTERNAL: 35")
+
+    monkeypatch.setattr(jax, "devices", broken)
+    *_, last = doctor.examine()
+    assert last == (
+        "devices",
+        "broken: Unable to initialize backend 'cuda': INTERNAL: 35",
+    )
+
+
 class Aged:
     """Import hook: MJX looks for what this MuJoCo does not have."""
 
@@ -92,7 +148,7 @@ class Aged:
 def test_an_mjx_that_cannot_be_imported_is_one_line(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr(sys, "meta_path", [Aged(), *sys.meta_path])
     for name in ("mujoco.mjx", "gatjax.sim.mjx", "gatjax.sim.mjxmodel"):
-        monkeypatch.delitem(sys.modules, name)
+        monkeypatch.delitem(sys.modules, name, raising=False)
     monkeypatch.delattr(mujoco, "mjx")
     assert main(["search", "--backend", "mjx", "--out", str(tmp_path)]) == 1
     said = capsys.readouterr().err

@@ -48,7 +48,7 @@ SLIPPERY = (
 @needs_warp
 @pytest.mark.parametrize("causes", [(), CAUSES])
 def test_warp_walks_as_mujoco_c_does(causes, monkeypatch):
-    monkeypatch.setattr(mjx, "check_machine", lambda impl: None)
+    monkeypatch.setattr(mjxmodel, "check_machine", lambda impl: None)
     world = lighter(add_causes(nominal(TASK), causes))
     policies = np.tile(THETA0, (3, 1))
     policies[1, 6] *= 0.7
@@ -63,7 +63,7 @@ def test_warp_walks_as_mujoco_c_does(causes, monkeypatch):
 
 @needs_warp
 def test_worlds_of_other_causes_are_one_call_of_warp(monkeypatch):
-    monkeypatch.setattr(mjx, "check_machine", lambda impl: None)
+    monkeypatch.setattr(mjxmodel, "check_machine", lambda impl: None)
     worlds = alike([add_causes(nominal(TASK), some) for some in (CAUSES, SLIPPERY)])
     policies = np.tile(THETA0, (2, 3, 1))
     keys = jax.random.split(jax.random.key(3), (2, 3))

@@ -12,7 +12,7 @@ import numpy as np
 
 from gatjax import loop, processors
 from gatjax.sim.backend import default_backend
-from gatjax.sim.versions import mismatch
+from gatjax.sim.versions import mismatch, unused_gpu
 from gatjax.sim.world import nominal
 from gatjax.surrogate import ROBOTS, make_robot
 from gatjax.task import Task
@@ -33,9 +33,16 @@ def examine() -> Iterator[tuple[str, str]]:
             yield package, "missing; pip install gatjax again"
     lacking = mismatch()
     yield "versions", lacking or "go together"
-    yield "devices", ", ".join(str(device) for device in jax.devices())
+    try:
+        devices = ", ".join(str(device) for device in jax.devices())
+    except RuntimeError as error:  # a plugin of JAX that cannot start
+        yield "devices", f"broken: {' '.join(str(error).split())}"
+        return
+    unused = unused_gpu()
+    yield "devices", f"broken: {unused}" if unused else devices
     yield "MJX-Warp", _warp()
-    meant = "refused, see versions" if lacking else default_backend()
+    refused = "versions" if lacking else "devices" if unused else None
+    meant = f"refused, see {refused}" if refused else default_backend()
     yield "backend", f"{meant} (what --backend auto means here)"
     task = Task(duration=1.0)
     for name in ("simulator", *ROBOTS):

@@ -19,7 +19,7 @@ from gatjax.runs import Progress
 from gatjax.search import checked
 from gatjax.settings import LoopSettings, check_seed
 from gatjax.sim.backend import BACKENDS, default_backend
-from gatjax.sim.versions import mismatch
+from gatjax.sim.versions import mismatch, unused_gpu
 from gatjax.sim.world import World
 from gatjax.task import Task, task_at
 
@@ -170,7 +170,7 @@ def resolved(settings: LoopSettings) -> LoopSettings:
             f"model {settings.model!r} is unknown; choose from {list(MODELS)}"
         )
     if settings.backend == "auto":
-        lacking = mismatch()  # JAX may have left a GPU out, without a word
+        lacking = mismatch() or unused_gpu()  # else a search on CPUs, unasked for
         if lacking is not None:
             raise ValueError(f"{lacking} (or use --backend native)")
         settings = dataclasses.replace(settings, backend=default_backend())

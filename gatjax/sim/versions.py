@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from importlib import metadata
+from pathlib import Path
 
+import jax
 from packaging.requirements import Requirement
 
-ASKED = ("mujoco-mjx", "jax", "jax-cuda12-plugin")
+CUDA = ("cuda12", "cuda13")
+PLUGINS = tuple(f"jax-{cuda}-plugin" for cuda in CUDA)
+ASKED = ("mujoco-mjx", "jax", *PLUGINS)
 """Packages whose requirements are looked at."""
-ENGINES = ("mujoco", "jax", "jaxlib", "jax-cuda12-plugin", "jax-cuda12-pjrt")
+ENGINES = ("mujoco", "jax", "jaxlib", *PLUGINS, *(f"jax-{cuda}-pjrt" for cuda in CUDA))
 """Packages that they must agree with; what is not installed is not needed."""
 
 
@@ -31,9 +35,8 @@ def mismatch(
         for requirement in map(Requirement, lines):
             if requirement.name not in ENGINES:
                 continue
-            if requirement.marker and not requirement.marker.evaluate(
-                {"extra": "cuda12"}
-            ):
+            marker = requirement.marker
+            if marker and not any(marker.evaluate({"extra": cuda}) for cuda in CUDA):
                 continue
             try:
                 found = version(requirement.name)
@@ -45,4 +48,29 @@ def mismatch(
                     f"{requirement.specifier}, {found} is installed; install both "
                     f"again: pip install -c constraints.txt -e ."
                 )
+    return None
+
+
+def unused_gpu(
+    version: Callable[[str], str] = metadata.version, devices: Path = Path("/dev")
+) -> str | None:
+    """Say in one line that JAX leaves a GPU out for which a plugin is here; or None.
+
+    A plugin that does not find its libraries, or a driver new enough for them, prints
+    why and JAX goes on with CPUs. Who asks for them (`JAX_PLATFORMS=cpu`) is not told.
+    """
+    if jax.config.jax_platforms or jax.default_backend() != "cpu":
+        return None
+    if not any(devices.glob("nvidia[0-9]*")):
+        return None
+    for plugin in PLUGINS:
+        try:
+            own = version(plugin)
+        except metadata.PackageNotFoundError:
+            continue
+        return (
+            f"JAX does not use this machine's NVIDIA GPU though {plugin} {own} is "
+            f"installed: the driver may be too old for it (nvidia-smi shows the CUDA "
+            f"version it is for), or the plugin's libraries are missing"
+        )
     return None
