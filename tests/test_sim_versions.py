@@ -98,7 +98,7 @@ def test_a_gpu_that_jax_leaves_out_is_told_where_its_plugin_is_installed(
     def gone():
         raise metadata.PackageNotFoundError
 
-    monkeypatch.setattr(type(jax.config), "jax_platforms", None)
+    monkeypatch.delenv("JAX_PLATFORMS", raising=False)
     for plugin in ("jax-cuda12-plugin", "jax-cuda13-plugin"):
         line = versions.unused_gpu(only(plugin), gpu)
         assert line.startswith("JAX does not use this machine's NVIDIA GPU though")
@@ -109,7 +109,7 @@ def test_a_gpu_that_jax_leaves_out_is_told_where_its_plugin_is_installed(
     monkeypatch.setattr(jax, "default_backend", lambda: "gpu")
     assert versions.unused_gpu(only("jax-cuda12-plugin"), gpu) is None
     monkeypatch.setattr(jax, "default_backend", lambda: "cpu")
-    monkeypatch.setattr(type(jax.config), "jax_platforms", "cpu")  # asked for
+    monkeypatch.setenv("JAX_PLATFORMS", "cpu")  # asked for
     assert versions.unused_gpu(only("jax-cuda12-plugin"), gpu) is None
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable
 from importlib import metadata
 from pathlib import Path
@@ -59,7 +60,7 @@ def unused_gpu(
     A plugin that does not find its libraries, or a driver new enough for them, prints
     why and JAX goes on with CPUs. Who asks for them (`JAX_PLATFORMS=cpu`) is not told.
     """
-    if jax.config.jax_platforms or jax.default_backend() != "cpu":
+    if os.environ.get("JAX_PLATFORMS") or jax.default_backend() != "cpu":
         return None
     if not any(devices.glob("nvidia[0-9]*")):
         return None
