@@ -40,7 +40,7 @@ told = {"devices": len(result.devices()), "shape": where[0], "sum": result.tolis
 print(json.dumps(told))
 """
 SEARCH = """
-import json
+import json, sys
 import jax, numpy as np
 from gatjax import search
 from gatjax.effects.effect import memoryless
@@ -64,7 +64,7 @@ weak = world.values._replace(command={"weak": np.float64(0.02)})
 space = search.Space(THETA0, STEP, LOW, HIGH)
 wanted = SearchSettings(population=5, rollouts=3)
 told = {"devices": len(jax.devices()), "traces": []}
-for backend in ("mjx", "native"):
+for backend in sys.argv[2:]:
     settings = LoopSettings(search=wanted, backend=backend, impl="jax")
     step = generation(settings, world, space)
     state, costs = search.start(space, wanted, jax.random.key(2)), []
@@ -77,11 +77,11 @@ print(json.dumps(told))
 """
 
 
-def run(devices, program=PROGRAM):
+def run(devices, program=PROGRAM, *words):
     flags = f"--xla_force_host_platform_device_count={devices}"
     env = os.environ | {"XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"}
     done = subprocess.run(
-        [sys.executable, "-c", program, str(devices)],
+        [sys.executable, "-c", program, str(devices), *words],
         env=env, capture_output=True, text=True, timeout=600,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr[-2000:]
@@ -96,15 +96,30 @@ def test_robots_are_shared_out_also_where_devices_do_not_divide_them(devices, pa
     np.testing.assert_allclose(many["sum"], alone["sum"], rtol=1e-6)
 
 
-def test_a_search_on_four_devices_is_one_program_and_finds_what_native_finds():
-    found = run(4, SEARCH)  # 15 robots: four each
-    first, second, *_ = found["traces"]
-    assert found["devices"] == 4
+@pytest.fixture(scope="module")
+def searched():
+    return run(1, SEARCH, "mjx", "native")
+
+
+def test_a_search_is_one_program_and_finds_what_native_finds(searched):
+    first, second, *_ = searched["traces"]
     assert first == second > 0  # compiled once, whatever the values
-    many, native = found["mjx"], found["native"]
-    np.testing.assert_allclose(many["costs"], native["costs"], atol=1e-6)
-    np.testing.assert_allclose(many["mean"], native["mean"], rtol=1e-6)
-    assert np.ptp(many["costs"]) > 1e-3
+    compiled, native = searched["mjx"], searched["native"]
+    np.testing.assert_allclose(compiled["costs"], native["costs"], atol=1e-6)
+    np.testing.assert_allclose(compiled["mean"], native["mean"], rtol=1e-6)
+    assert np.ptp(compiled["costs"]) > 1e-3
+
+
+@pytest.mark.parametrize("devices", [2, 4])  # 15 robots: eight each, four each
+def test_a_search_finds_the_same_on_several_devices(searched, devices):
+    found = run(devices, SEARCH, "mjx")
+    first, second = found["traces"]
+    assert found["devices"] == devices
+    assert first == second > 0
+    for what in ("costs", "mean"):
+        np.testing.assert_allclose(
+            found["mjx"][what], searched["mjx"][what], rtol=1e-9, atol=1e-12
+        )
 
 
 @pytest.mark.parametrize("turns", [1, 2, 4, 7])

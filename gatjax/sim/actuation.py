@@ -70,12 +70,39 @@ class Actuation(NamedTuple):
         if self.plain:
             return state, Push(signal.target, None, None, None)
         true = signal.angle
-        signal = signal._replace(angle=self.seen(values, state, true))
+        state, signal = self.asked(values, state, signal)
+        return self.driven(values, state, signal, true, stiffness)
+
+    def asked(
+        self, values: Values, state: State, signal: Signal
+    ) -> tuple[State, Signal]:
+        """Play the motor effects of a physics step; `signal` holds the true angle.
+
+        Returns:
+            State, with these effects' new memory, and what the servos are asked for and
+            see.
+        """
+        signal = signal._replace(angle=self.seen(values, state, signal.angle))
         motor, signal = self.motor.apply(
             values.motor, state.motor, self._within(signal)
         )
+        return state._replace(motor=motor), signal
+
+    def driven(
+        self, values: Values, state: State, signal: Signal, true: Array,
+        stiffness: Array = 1.0,
+    ) -> tuple[State, Push]:  # fmt: skip
+        """Play the joint effects of a physics step, after `asked`.
+
+        Args:
+            values: of the world.
+            state: memory.
+            signal: what the servos are asked for and see.
+            true: [..., J] rad, angle of the joints.
+            stiffness: [..., J] share of the servos' gain.
+        """
         if not self.torques:
-            return state._replace(motor=motor), Push(signal.target, None, None, None)
+            return state, Push(signal.target, None, None, None)
         seen, signal = signal.angle, signal._replace(angle=true)
         begin = self._drive(values, signal, state.torque, stiffness)
         if self.geared:
@@ -86,7 +113,7 @@ class Actuation(NamedTuple):
         push = Push(control, drive.load + drive.lean, servo.friction, None)
         if self.geared:
             torque, push = joint[GEAR].pull, push._replace(armature=servo.rotor)
-        return State(motor, joint, torque), push
+        return State(state.motor, joint, torque), push
 
     def seen(self, values: Values, state: State, angle: Array) -> Array:
         """Return what the encoders see of joints at `angle` [..., J], rad."""

@@ -83,10 +83,26 @@ class Control:
         self.open = _cpu(self._open, (None, 0, 0))
         self.sense = _cpu(self._sense, (None, 0, 0, 0, None, 0, 0, 0, 0))
         self.tell = _cpu(self._tell, (None, 0, 0, 0, 0))
-        self.motor = _cpu(self._motor, (None, 0, 0, 0, 0, 0))
+        self._asked = _cpu(self._ask, (None, 0, 0, 0, 0))
+        self._driven = _cpu(self.servos.driven, (None, 0, 0, 0, 0))
         self.command = _cpu(self._command, (None, 0, 0, 0, 0, 0))
         self.init = _cpu(self._init, (None, 0, 0))
         self.report = _cpu(self._report, (None, 0, 0, 0))
+
+    def motor(
+        self, values: Values, state: State, target: Array, angle: Array,
+        velocity: Array, stiffness: Array,
+    ) -> tuple[State, Push]:  # fmt: skip
+        """One physics step of the motor and joint effects of all robots.
+
+        They are two compiled functions: in one XLA computes what the motors are asked
+        for, a look into the memory of a delay, anew for each of its twenty uses. The
+        second is not given that memory, which it would copy.
+        """
+        state, signal = self._asked(values, state, target, angle, velocity)
+        kept, state = state.motor, state._replace(motor=())
+        state, push = self._driven(values, state, signal, angle, stiffness)
+        return state._replace(motor=kept), push
 
     # one robot
 
@@ -119,12 +135,12 @@ class Control:
         state, signal = episode.tell(self._world, values, state, plant, row, noise)
         return state, signal.target
 
-    def _motor(
+    def _ask(
         self, values: Values, state: State, target: Array, angle: Array,
-        velocity: Array, stiffness: Array,
-    ) -> tuple[State, Push]:  # fmt: skip
+        velocity: Array,
+    ) -> tuple[State, Signal]:  # fmt: skip
         signal = Signal(target, angle, velocity, jnp.zeros_like(target))
-        return self.servos.apply(values, state, signal, stiffness)
+        return self.servos.asked(values, state, signal)
 
     def _command(
         self, values: Values, state: Any, target: Array, angle: Array, velocity: Array,
