@@ -70,8 +70,8 @@ def main() -> None:
             right.loglog(devices * ROBOTS, line, color=colour, alpha=0.6)
             end = devices * ROBOTS[-1], line[-1]
             right.annotate(f"{devices:,} x ", end, ha="right", va="bottom", fontsize=8)
-    left.set_xlabel("robots on one device")
-    left.set_ylabel("physics steps a second; points: measured, lines: n / (a + b n)")
+    left.set_xlabel("robots on one device; points: measured, lines: n / (a + b n)")
+    left.set_ylabel("physics steps a second")
     right.set_xlabel("robots on D x the GPU, on paper: D n / (a + b n)")
     left.legend(fontsize=8)
     figure.savefig(DOCS / "scaling.png", dpi=110)
