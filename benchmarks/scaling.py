@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from scipy.optimize import nnls
 
 DOCS = Path(__file__).parents[1] / "docs"
 DEVICES = (1, 8, 100, 1000)
@@ -35,8 +36,10 @@ def measured(files: Iterable[Path]) -> Series:
     for file in files:
         told = json.loads(file.read_text())
         for row in told["rows"]:
-            device = f"{told['machine']['cores']} cores, {row['backend']}"
-            name = f"{device}, {row['world']}, {row['model']}"
+            machine = told["machine"]
+            on_cpu = "cpu" in row["device"].lower()  # else cuda:0 or the like
+            device = f"{machine['cores']} cores" if on_cpu else machine["devices"][0]
+            name = f"{device}, {row['backend']}, {row['world']}, {row['model']}"
             seconds = row["worlds"] / row["closed_steps_per_s"]
             found.setdefault(name, []).append((row["worlds"], seconds))
     return found
@@ -46,8 +49,8 @@ def fitted(points: list[tuple[float, float]]) -> tuple[float, float]:
     """Latency a s and work b s/robot of a series; neither is negative."""
     robots, seconds = np.array(points).T
     shares = np.column_stack([1.0 / seconds, robots / seconds])
-    a, b = np.linalg.lstsq(shares, np.ones(len(points)), rcond=None)[0]
-    return (a, b) if a > 0.0 else (0.0, float(np.mean(seconds / robots)))
+    (a, b), _ = nnls(shares, np.ones(len(points)))
+    return a, b
 
 
 def main() -> None:

@@ -84,7 +84,8 @@ class Control:
         self.sense = _cpu(self._sense, (None, 0, 0, 0, None, 0, 0, 0, 0))
         self.tell = _cpu(self._tell, (None, 0, 0, 0, 0))
         self._asked = _cpu(self._ask, (None, 0, 0, 0, 0))
-        self._driven = _cpu(self.servos.driven, (None, 0, 0, 0, 0))
+        driven = self.servos.driven  # without torques there is nothing to compile
+        self._driven = _cpu(driven, (None, *[0] * 4)) if self.servos.torques else driven
         self.command = _cpu(self._command, (None, 0, 0, 0, 0, 0))
         self.init = _cpu(self._init, (None, 0, 0))
         self.report = _cpu(self._report, (None, 0, 0, 0))
