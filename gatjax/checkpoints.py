@@ -57,6 +57,7 @@ def save(folder: str | os.PathLike[str], step: int, tree: Any) -> None:
             checkpointer.save(place, args=orbax.args.StandardSave(_leaves(tree)))
             listing = place / f"{FILES}.part"
             listing.write_text(json.dumps(_digests(place), indent=1), encoding="utf-8")
+            _to_disk(place)
             listing.replace(place / FILES)
     except (OSError, ValueError) as error:
         raise ValueError(
@@ -194,6 +195,14 @@ def _digests(place: pathlib.Path) -> dict[str, str]:
         for file in files
         if not file.name.startswith(FILES)
     }
+
+
+def _to_disk(place: pathlib.Path) -> None:
+    """Wait until every file of a step would outlive a power cut."""
+    for file in place.rglob("*"):
+        if file.is_file():
+            with open(file, "rb") as written:
+                os.fsync(written.fileno())
 
 
 def _digest(file: pathlib.Path) -> str:

@@ -176,6 +176,12 @@ def keep_score(task: Task, go: Array, tick: Array, score: Score, base: Base) -> 
     )
 
 
+def cost_of(task: Task, velocity: Array, fell: Array) -> Array:
+    """Return the cost, m/s, of walks at velocities in m/s that fell or did not."""
+    xp = namespace_of(velocity)
+    return -velocity + xp.where(fell, task.fall_penalty, 0.0)
+
+
 def outcome(task: Task, score: Score) -> Outcome:
     """Return the verdict on a run.
 
@@ -184,8 +190,7 @@ def outcome(task: Task, score: Score) -> Outcome:
     """
     xp = namespace_of(score.reached)
     velocity = (score.reached - score.origin) / task.duration
-    fell = xp.isfinite(score.fell_at)
-    cost = -velocity + xp.where(fell, task.fall_penalty, 0.0)
+    cost = cost_of(task, velocity, xp.isfinite(score.fell_at))
     return Outcome(
         cost=xp.where(score.ok, cost, xp.inf),
         velocity=velocity,

@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 
 from gatjax.benchmark.baselines import Found, bic
-from gatjax.benchmark.cases import make, read_cases
+from gatjax.benchmark.cases import Case, make, read_cases
 from gatjax.benchmark.solve import Solver, answer, solve
 from gatjax.benchmark.squares import Solved
 from gatjax.cli import main
+from gatjax.cli.arguments import BenchDiagnose
+from gatjax.cli.blind import _check_out
 from gatjax.diagnosis.bank import CAUSES
 from gatjax.runs import read_json
 
@@ -172,6 +174,22 @@ def test_bad_folders_and_names(tmp_path, capsys):
     for flags, text in cases:
         assert main([*bench, *flags]) == 1
         assert text in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_diagnoses_are_not_marked_by_the_answers_of_other_cases(tmp_path):
+    verb = BenchDiagnose(folder=tmp_path / "set", out=tmp_path / "out")
+    verb.out.mkdir()
+    old, new = (
+        Case("h3_0000", tmp_path, (), (), ("a",), {"id": "h3_0000", "d": d})
+        for d in (3.0, 4.0)
+    )
+    _check_out(verb, [old])
+    _check_out(verb, [old, new._replace(name="h3_0001")])  # more cases may follow
+    _check_out(verb, [old])
+    with pytest.raises(ValueError, match=r"started with truth\.h3_0000"):
+        _check_out(verb, [new])
+    with pytest.raises(ValueError, match=r"started with truth\.h3_0001"):
+        _check_out(verb, [old._replace(name="h3_0001")])
 
 
 def test_cases_that_are_there_are_not_made_again(tmp_path):

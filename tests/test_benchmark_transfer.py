@@ -49,6 +49,13 @@ def test_a_trial_is_its_fastest_policy_that_never_fell_after_the_first(run):
     assert trial_of(run, iteration=1)["gat"].gain == pytest.approx(150.0)
 
 
+def test_the_first_generation_counts_where_there_is_no_other(tmp_path):
+    rows = [*rows_of("theta0", [(0.2, 0)]), *rows_of("gat", [(0.25, 0)])]
+    runs.add_rows(tmp_path / "metrics.csv", rows)
+    gat = trial_of(tmp_path)["gat"]
+    assert (gat.gain, gat.generation) == (pytest.approx(25.0), 0)
+
+
 def test_a_trial_without_a_stable_policy_failed(run):
     none = trial_of(run)["none"]
     assert none == Found(None, None, None, None, falls=5, walks=5)

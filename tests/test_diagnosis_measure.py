@@ -225,3 +225,14 @@ def test_a_servo_without_damping_is_waited_for_five_seconds_at_most(tmp_path):
     path = tmp_path / "arm.xml"
     path.write_text(HEAVY.replace('damping="5"', "").replace('kv="35"', ""))
     assert settling(nominal(Task(control_period=PERIOD), path).model) == 5.0
+
+
+def test_windows_are_cut_to_the_last_row_and_counted_from_the_first_of_a_run():
+    rows = ahead.warming(PERIOD) + round(ahead.HORIZONS[0] / PERIOD)
+    time = PERIOD * np.arange(rows)
+    angle = np.sin(time)[:, None]
+    for start in (0.0, 0.7, 10_000.0):  # what a log's clock says first
+        run = JointRun(0, start + time, angle, angle)
+        cut = ahead.windows([run, run], PERIOD)
+        assert cut is not None
+        assert cut.block.tolist() == [0, measure.APART]

@@ -270,3 +270,23 @@ def test_a_log_never_writes_over_another_and_notes_places(tmp_path):
     assert len((tmp_path / "frames_008.csv").read_text().splitlines()) == 3
     places = (tmp_path / "place_008.csv").read_text().splitlines()
     assert places[0] == "time,trajectory,x,y,z,qw,qx,qy,qz" and len(places) == 2
+
+
+def test_a_log_writes_on_where_the_disk_took_a_part(tmp_path):
+    """A file without a buffer may write less than it is given, and says how much."""
+    log = Log(tmp_path, "lola", "fixed", 0.012)
+
+    class Slow:
+        def __init__(self, file):
+            self.file, self.close, self.fileno = file, file.close, file.fileno
+
+        def write(self, data):
+            return self.file.write(data[:7])
+
+    log._files = [Slow(file) for file in log._files]
+    seen = Direct(SimulatedNao("stiff", 0, 0)).receive(0.0)
+    command = type("C", (), {"target": np.zeros(25), "stiffness": np.zeros(25)})
+    log.add(0, seen, command, 1.0)
+    log.close()
+    head, row = log.path.read_text().splitlines()
+    assert row.count(",") == head.count(",")

@@ -6,6 +6,7 @@ That of one trial is tested in test_sim_spread.
 import dataclasses
 
 import jax
+import mujoco
 import numpy as np
 import pytest
 
@@ -110,6 +111,10 @@ def test_a_search_that_another_simulator_began_does_not_go_on(tmp_path, monkeypa
         loop.optimise(job, settings, quiet)
     with pytest.raises(ValueError, match=said):
         optimise_all([job], dataclasses.replace(settings, backend="mjx"), quiet)
+    monkeypatch.undo()
+    monkeypatch.setattr(mujoco, "__version__", "9.9.9")
+    with pytest.raises(ValueError, match=r"now it is '9\.9\.9'"):
+        loop.optimise(job, settings, quiet)
     (job.checkpoints / "simulator.json").unlink()  # as before such files were written
     with pytest.raises(ValueError, match="started with timestep_s = None"):
         loop.optimise(job, settings, quiet)

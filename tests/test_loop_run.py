@@ -25,6 +25,7 @@ from gatjax.settings import (
     seeds as seeds_of,
 )
 from gatjax.sim.world import add_cause, nominal
+from gatjax.surrogate import make_robot
 from gatjax.walk.parameters import THETA0
 
 SETTINGS = LoopSettings(
@@ -339,6 +340,25 @@ def test_a_run_does_not_go_on_with_another_robot(done, robot, tmp_path):
     ):
         loop.run(folder, SETTINGS, other, quiet())
     assert (folder / "robot.json").read_text() == before
+
+
+def test_a_run_does_not_go_on_with_another_body_of_a_robot(tmp_path):
+    for _ in range(2):
+        stages.name_robot(tmp_path, make_robot("stiff", 0))
+    with pytest.raises(ValueError, match="'stiff, body 0', not 'stiff, body 1'"):
+        stages.name_robot(tmp_path, make_robot("stiff", 1))
+
+
+def test_a_run_does_not_go_on_with_other_settings(done, robot, tmp_path):
+    folder = tmp_path / "run"
+    shutil.copytree(done, folder)
+    other = dataclasses.replace(SETTINGS.search, sigma=0.1)
+    changed = dataclasses.replace(SETTINGS, search=other)
+    said = f"started with search.sigma = {SETTINGS.search.sigma}, now it is 0.1"
+    with pytest.raises(ValueError, match=said):
+        loop.run(folder, changed, robot, quiet())
+    fewer = dataclasses.replace(SETTINGS, methods=("none",))
+    loop.run(folder, fewer, robot, quiet())  # what is compared may change
 
 
 def test_a_second_iteration_starts_from_the_best_walk(robot, tmp_path):

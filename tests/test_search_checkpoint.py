@@ -1,5 +1,6 @@
 """Checkpoints: whole steps only, damage is found, resuming changes no number."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -193,6 +194,20 @@ def test_a_stop_waits_for_the_save(tmp_path, monkeypatch, stop, place):
     finally:
         signal.signal(stop, before)
     assert checkpoints.latest(tmp_path) == 0  # it was let finish
+
+
+def test_a_step_is_on_disk_before_its_list_is(tmp_path, monkeypatch):
+    synced, told = set(), os.fsync
+
+    def sync(number):
+        assert not (tmp_path / "0" / checkpoints.FILES).exists()
+        synced.add(os.fstat(number).st_ino)
+        told(number)
+
+    monkeypatch.setattr(os, "fsync", sync)
+    checkpoints.save(tmp_path, 0, tree(0))
+    files = [file for file in (tmp_path / "0").rglob("*") if file.is_file()]
+    assert {file.stat().st_ino for file in files} <= synced
 
 
 SAVE_UNTIL_KILLED = """

@@ -59,7 +59,7 @@ def mark(case: Case, answer: Answer) -> Mark:
     pairs = matching(case, there, named)
     first = named[0] if named else None
     hit = next((t for t, n in pairs if n is first), None) if first else None
-    error, covered = _size(truth, hit, first)
+    error, covered = _size(hit, first)
     placed = sum(same_place(t["where"], n["where"], case.joints) for t, n in pairs)
     located = first is not None and any(
         same_place(t["where"], first["where"], case.joints) for t in there
@@ -138,7 +138,7 @@ def gain_share(oracle: Mapping[str, float], gain: Mapping[str, Any] | None) -> f
 
 
 def _size(
-    truth: dict[str, Any], hit: dict[str, Any] | None, first: dict[str, Any] | None
+    hit: dict[str, Any] | None, first: dict[str, Any] | None
 ) -> tuple[float, float]:
     """Relative error of the scored parameter, and whether the interval covers it.
 

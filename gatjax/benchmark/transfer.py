@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import stats
 
+from gatjax.loop.candidates import counts
 from gatjax.loop.explain import EXPLAINED, SKIPPED
 from gatjax.report.intervals import Interval, share_interval
 from gatjax.report.read import CHOSEN
@@ -29,7 +30,7 @@ class Found(NamedTuple):
     generation: int | None  # of that policy
     confirmed: float | None  # % over theta0 of that policy on fresh walks
     confirmed_falls: int | None  # in those walks
-    falls: int  # of all candidates after the first generation
+    falls: int  # of all candidates of generations that count
     walks: int
 
     @property
@@ -76,7 +77,9 @@ def trial_of(
     found: dict[str, Found] = {}
     for method in dict.fromkeys(row["method"] for row in rows):
         mine = [r for r in rows if (r["method"], r["iteration"]) == (method, iteration)]
-        tried = [r for r in mine if r["candidate"] != CHOSEN and r["generation"] > 0]
+        tried = [r for r in mine if r["candidate"] != CHOSEN]
+        last = max((row["generation"] for row in tried), default=0)
+        tried = [row for row in tried if counts(row["generation"], last)]
         left_out = methods is not None and method not in methods
         if method == "theta0" or left_out or not tried:
             continue

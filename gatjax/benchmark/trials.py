@@ -17,8 +17,6 @@ from gatjax.loop.explain import EXPLAINED
 from gatjax.report import build_report
 from gatjax.settings import LoopSettings
 
-FREE = ("methods", "explain")  # settings that may differ when a trial goes on
-
 Shown = Callable[[float], AbstractContextManager[runs.Progress]]
 """Units of work -> progress to be told of them."""
 
@@ -38,8 +36,7 @@ def opened(out: Path, name: str, settings: LoopSettings) -> Path:
     if not (out / name / "config.json").exists():
         return runs.open_run(out, settings, name).path
     before = runs.read_json(out / name / "config.json")
-    free = {field: before[field] for field in FREE}
-    runs.resume_run(out / name, dataclasses.replace(settings, **free))
+    runs.resume_run(out / name, settings, loop.COMPARED)
     known = dict.fromkeys((*before["methods"], *settings.methods))
     explain = before["explain"] or settings.explain
     whole = dataclasses.replace(settings, methods=tuple(known), explain=explain)

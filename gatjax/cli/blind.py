@@ -13,7 +13,7 @@ from gatjax.benchmark.marks import Mark, mark
 from gatjax.benchmark.solve import BASELINES, GATJAX, Answer, Solver, answer, solve
 from gatjax.cli.arguments import BenchDiagnose
 from gatjax.cli.progress import shown
-from gatjax.runs import check_same, read_json, write_json, write_whole
+from gatjax.runs import check_same, digest, read_json, write_json, write_whole
 
 SCHEMA = "gatjax.bench.diagnose/1"
 CASES = 20  # that are made if nobody says how many
@@ -71,8 +71,12 @@ def _check_out(verb: BenchDiagnose, cases: Sequence[Case]) -> None:
     file = verb.out / "config.json"
     folder = verb.folder or verb.out / "set"
     config = {"schema": SCHEMA, "folder": str(folder.resolve()), "seed": verb.seed}
+    config["truth"] = {case.name: digest(case.truth) for case in cases}
     if file.exists():
-        check_same(read_json(file), config, verb.out)
+        before = read_json(file)
+        known = before.get("truth", {})
+        config["truth"] = known | config["truth"]
+        check_same({**before, "truth": config["truth"] | known}, config, verb.out)
     elif any((verb.out / "diagnoses" / case.name).exists() for case in cases):
         raise ValueError(
             f"{verb.out}: holds diagnoses of unknown cases; choose another"

@@ -127,10 +127,9 @@ def ground(verb: verbs.Ground) -> None:
         grounding = loop.learn_grounding(
             world, verb.method, robot, simulator, verb.seed, theta, progress.stage
         )
-        facts = grounding.facts | {"rate_hz": world.rate_hz}
         progress.work(1.0)
         progress.stage(f"{verb.method}: choose alpha")
-        grounding = loop.stable(world, grounding._replace(facts=facts), theta, key)
+        grounding = loop.stable(world, grounding, theta, key)
         grounding = loop.helpful(world, grounding, robot, verb.seed)
         progress.work(1.0)
         progress.stage(f"{verb.method}: predict held-out trajectories")

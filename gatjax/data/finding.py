@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from gatjax.data.recording import Recording
+from gatjax.data.recording import Recording, place
 
 Level: TypeAlias = Literal["info", "warning", "refuse"]
 Ranges: TypeAlias = Mapping[str, tuple[float, float]]  # joint: low, high, rad
@@ -25,8 +25,8 @@ class Finding(NamedTuple):
 
 
 def cell(recording: Recording, row: int | np.integer, column: str) -> str:
-    """Where a value stands; `row` counts from 0, the words from 1."""
-    return f"{recording.name}: row {row + 1}, column {column!r}"
+    """Where a value of a recording stands: see `place`."""
+    return place(recording.name, row, column)
 
 
 def angle(value: float) -> str:

@@ -215,7 +215,7 @@ def _check_numbers(recording: Recording) -> None:
         bad = np.flatnonzero((values < 0.0) | (values > STIFFEST))
         if bad.size:
             raise ValueError(
-                f"{_cell(recording.name, bad[0], column)}: {values[bad[0]]:g} is no "
+                f"{place(recording.name, bad[0], column)}: {values[bad[0]]:g} is no "
                 f"share of a gain: 0 is without power, 1 the model's kp; use a map "
                 f"with scale (0.01 for percent)"
             )
@@ -230,7 +230,7 @@ def _check_numbers(recording: Recording) -> None:
                     f"{advice}"
                 )
             raise ValueError(
-                f"{_cell(recording.name, bad[0], column)}: {values[bad[0]]} is not a "
+                f"{place(recording.name, bad[0], column)}: {values[bad[0]]} is not a "
                 f"number ({bad.size} such rows); {advice}"
             )
 
@@ -248,7 +248,7 @@ def _check_time(recording: Recording) -> None:
         first = late[np.argmin(order[late + 1])]
         before, row = int(order[first]), int(order[first + 1])
         raise ValueError(
-            f"{_cell(recording.name, row, 'time')}: {recording.time[row]} s after "
+            f"{place(recording.name, row, 'time')}: {recording.time[row]} s after "
             f"{recording.time[before]} s (row {before + 1}) in trajectory "
             f"{recording.trajectory[row]}; time must increase within a trajectory, "
             f"give every run its own number"
@@ -271,7 +271,7 @@ def _check_degrees(recording: Recording) -> None:
     if found:
         column, rows = next(iter(found.items()))
         raise ValueError(
-            f"{_cell(recording.name, rows[0], column)}: "
+            f"{place(recording.name, rows[0], column)}: "
             f"{recording.columns[column][rows[0]]:g} rad looks like degrees "
             f"({rows.size} of {len(recording.trajectory)} rows above "
             f"{most.get(column, LARGEST_ANGLE):.3g}), "
@@ -279,8 +279,8 @@ def _check_degrees(recording: Recording) -> None:
         )
 
 
-def _cell(file: str, row: int | np.integer, column: str) -> str:
-    """Where a value stands; `row` counts from 0."""
+def place(file: str, row: int | np.integer, column: str) -> str:
+    """Where a value stands; `row` counts from 0, the words from 1."""
     return f"{file}: row {row + 1}, column {column!r}"
 
 
@@ -374,7 +374,7 @@ def _parsed(text: str | None, row: int, name: str, file: str) -> float:
     try:
         return float(text) if text else math.nan
     except ValueError:
-        where = _cell(file, row, name)
+        where = place(file, row, name)
         raise ValueError(f"{where}: {text!r} is not a number") from None
 
 
@@ -383,7 +383,7 @@ def _whole_numbers(values: np.ndarray, file: str) -> np.ndarray:
     bad = np.flatnonzero(~(np.isfinite(values) & (values == np.round(values))))
     if bad.size:
         raise ValueError(
-            f"{_cell(file, bad[0], 'trajectory')}: {values[bad[0]]} is not a whole "
+            f"{place(file, bad[0], 'trajectory')}: {values[bad[0]]} is not a whole "
             f"number"
         )
     return values.astype(np.int64)

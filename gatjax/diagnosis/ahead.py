@@ -42,16 +42,16 @@ def windows(runs: list[JointRun], period: float) -> Windows | None:
 
     None of them lacks a row.
     """
-    warm, length = warming(period), max(1, round(0.5 / period))
+    warm, length = warming(period), max(1, round(HORIZONS[0] / period))
     stride, rows = max(1, round(STRIDE / period)), []
     for number, run in enumerate(runs):
-        for first in range(0, len(run.time) - warm - length, stride):
+        for first in range(0, len(run.time) - warm - length + 1, stride):
             part = slice(first, first + warm + length)
             if np.diff(run.time[part]).max() > (1.0 + GAP) * period:
                 continue  # rows are missing
             past = slice(first + warm - back(period), first + warm)
             slope = speed(run, past, first + warm - 1)
-            block = number * APART + int(run.time[first] / BLOCK)
+            block = number * APART + int((run.time[first] - run.time[0]) / BLOCK)
             series = run.command[part], run.angle[part], run.stiff[part]
             start = run.time[first + warm - 1] - run.time[0]
             rows.append((*series, slope, block, number, start))

@@ -50,8 +50,9 @@ def diagnose(
     On the CPU: thousands of steps one after the other, of a joint and a few dozen
     hypotheses, keep no GPU busy (docs/diagnosis.md).
 
-    Nothing is written before everything is known but learned/; an old diagnosis.json
-    goes first and the new one comes last: a folder that has one is whole.
+    Nothing is written before everything is known but a copy of the model and learned/;
+    an old diagnosis.json goes first and the new one comes last: a folder that has one
+    is whole.
 
     Args:
         start: the model, and what is known of the robot besides.

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from gatjax.effects.catalogue import CATALOGUE
+from gatjax.files import write_whole
 from gatjax.robot import model as robot_model
 from gatjax.sim import causes, derived
 from gatjax.sim.world import World
@@ -46,9 +47,8 @@ def write_model(path: Path, world: World) -> None:
         compiler.meshdir = str(file.parent / compiler.meshdir)
         compiler.texturedir = str(file.parent / compiler.texturedir)
     head, _, rest = _near(spec, path).partition("\n")
-    path.write_text(
-        f"{head}\n{_remarks(world, spec.option.timestep)}{rest}", encoding="utf-8"
-    )
+    text = f"{head}\n{_remarks(world, spec.option.timestep)}{rest}"
+    write_whole({path: text.encode()})
 
 
 def _near(spec: mujoco.MjSpec, path: Path) -> str:

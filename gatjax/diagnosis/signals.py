@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from pyarrow import parquet
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis.gain import Predicted
 from gatjax.diagnosis.verdict import Verdict
+from gatjax.files import write_whole
 from gatjax.sim.world import World
 
 ASTRAY, LOUD = 0.7, 10.0  # of how much a sensor varies, times its noise
@@ -99,4 +101,4 @@ def write_signals(
             "load": load,
         }
         columns |= {f"{key}.{name}": np.concatenate(v) for key, v in parts.items()}
-    parquet.write_table(pa.table(columns), path)
+    write_whole({path: partial(parquet.write_table, pa.table(columns))})

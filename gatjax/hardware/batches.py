@@ -8,7 +8,7 @@ import numpy as np
 
 from gatjax.hardware.session import Row
 from gatjax.records import Base, Outcome, Reading, Trajectory
-from gatjax.task import Task
+from gatjax.task import Task, cost_of
 
 Array = Any
 
@@ -16,8 +16,7 @@ Array = Any
 def judged(task: Task, metres: float, fell_at: Array) -> Outcome:
     """Return the verdict on a walk that somebody measured; NaN m: not yet."""
     velocity = np.asarray(metres / task.duration)
-    fell = np.isfinite(fell_at)
-    cost = -velocity + np.where(fell, task.fall_penalty, 0.0)
+    cost = cost_of(task, velocity, np.isfinite(fell_at))
     return Outcome(cost, velocity, np.asarray(fell_at), np.asarray(True))
 
 

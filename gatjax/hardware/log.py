@@ -101,7 +101,9 @@ class Log:
             return
         try:
             for file, told in zip(self._files, lines):
-                file.write("".join(told).encode())
+                left = memoryview("".join(told).encode())
+                while left:  # a file without a buffer may take a part only
+                    left = left[file.write(left) :]
                 if sync:
                     os.fsync(file.fileno())
         except OSError as error:

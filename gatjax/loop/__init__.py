@@ -13,10 +13,11 @@ from gatjax.loop.ground import (
 from gatjax.loop.optimise import optimise
 from gatjax.loop.robots import Simulator
 from gatjax.loop.setting import Robot, Setting, resolved, total_work
-from gatjax.loop.stages import run, run_all
+from gatjax.loop.stages import COMPARED, run, run_all
 from gatjax.runs import Progress
 
 __all__ = [
+    "COMPARED",
     "Candidate",
     "Job",
     "Progress",

@@ -48,6 +48,15 @@ class Candidate(NamedTuple):
         return "_".join(map(str, facts))
 
 
+def counts(generation: int, last: int) -> bool:
+    """Return whether a walk found in a generation counts, `last` being the last one.
+
+    As in the paper, the first generation does not where there are later ones: its
+    policies are drawn at random, nothing was learned yet.
+    """
+    return generation >= min(1, last)
+
+
 class Job(NamedTuple):
     """One search: where it writes, in which world, from which policy."""
 

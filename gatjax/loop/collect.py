@@ -101,7 +101,7 @@ def _asked(trials: Sequence[Setting], robot: Player, name: str, seconds: float) 
     return Play(
         motion=motion,
         joints=moving,
-        rate_hz=1.0 / trials[0].task.control_period,
+        rate_hz=trials[0].settings.rate_hz,
         seeds=[each[number] for each in drawn],
         reach=motion.reach(limbs, moving),
         seconds=seconds,

@@ -10,7 +10,7 @@ import jax
 import numpy as np
 
 from gatjax import runs
-from gatjax.loop.candidates import Candidate, measured
+from gatjax.loop.candidates import Candidate, counts, measured
 from gatjax.loop.setting import CONFIRMATIONS, ROBOT_UNIT, Away, Setting, judged
 from gatjax.records import Array, Outcome
 from gatjax.settings import CONFIRMATION, EVALUATION, seeds
@@ -146,8 +146,7 @@ def confirm(found: Sequence[tuple[Setting, Candidate]], stage: str) -> None:
 def winner(setting: Setting, candidates: list[Candidate]) -> Candidate | None:
     """Return the fastest candidate that never fell on the robot, if there is one.
 
-    As in the paper, the first generation does not count where there are later ones: its
-    policies are drawn at random, nothing was learned yet.
+    Of the generations that count: see `counts`.
     """
     rows = measured(setting.folder, "robot_rollouts")
     last = max(candidate.generation for candidate in candidates)
@@ -155,7 +154,7 @@ def winner(setting: Setting, candidates: list[Candidate]) -> Candidate | None:
         index: rows[tuple(candidate.key.values())]["robot_velocity_m_s"]
         for index, candidate in enumerate(candidates)
         if rows[tuple(candidate.key.values())]["robot_falls"] == 0
-        and candidate.generation >= min(1, last)
+        and counts(candidate.generation, last)
     }
     if not speeds:
         return None

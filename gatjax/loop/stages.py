@@ -31,6 +31,8 @@ from gatjax.settings import LoopSettings
 from gatjax.task import task_at
 from gatjax.walk.parameters import THETA0
 
+COMPARED = ("methods", "explain")  # settings that may change when a run goes on
+
 
 def run(folder: Path, settings: LoopSettings, robot: Robot, progress: Progress) -> None:
     """Run the loop in an open run folder; call it again to go on after a stop.
@@ -59,13 +61,15 @@ def run_all(
         progress: told of every stage.
 
     Raises:
-        ValueError: settings differ in more than their seeds.
+        ValueError: settings differ in more than their seeds, or from those that a run
+            was begun with in more than what is compared.
     """
     if len({dataclasses.replace(one, seed=0) for one in settings}) > 1:
         raise ValueError("trials side by side may differ in their seeds only")
     task = task_at(settings[0].rate_hz)
     trials = []
     for folder, one in zip(folders, settings, strict=True):
+        runs.resume_run(folder, one, COMPARED)
         world = beginning(folder, one, task)
         trials.append(Setting(folder, one, task, world, robot, progress))
     begin(trials)

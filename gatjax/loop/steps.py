@@ -7,6 +7,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import mujoco
 import numpy as np
 
 from gatjax import search
@@ -48,6 +49,7 @@ def physics(world: World) -> dict[str, Any]:
         "degrees_of_freedom": int(model.nv),
         "contact": f"{cone}, {ratio:g}",
         "model": model_digest(model_file(world.source))[:16],
+        "mujoco": mujoco.__version__,
     }
 
 

@@ -1,8 +1,8 @@
 """The run folder: what a run leaves behind, and how another run goes on from it.
 
-The files and their columns are in `docs/files.md`. Everything is text, and a file is
-either written whole or not at all (`write_whole`), so a kill at any moment leaves a
-folder that can be read and resumed.
+The files and their columns are in `docs/files.md`. A file is either written whole or
+not at all (`write_whole`), so a kill at any moment leaves a folder that can be read and
+resumed.
 """
 
 from gatjax.files import make_folder, read_json, write_json, write_whole
@@ -10,6 +10,7 @@ from gatjax.runs.folder import (
     RunFolder,
     check_run,
     check_same,
+    digest,
     latest_run,
     open_run,
     resume_run,
@@ -24,6 +25,7 @@ __all__ = [
     "add_rows",
     "check_run",
     "check_same",
+    "digest",
     "latest_run",
     "make_folder",
     "open_run",

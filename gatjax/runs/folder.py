@@ -11,7 +11,7 @@ import platform
 import shutil
 import subprocess
 import time
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -47,7 +47,7 @@ def open_run(
         OSError: one line; no folder is left behind (the disk is full, say).
     """
     settings = _plain(config)
-    name = name or f"{time.strftime('%Y%m%d-%H%M%S')}-{_digest(settings)}"
+    name = name or f"{time.strftime('%Y%m%d-%H%M%S')}-{digest(settings)}"
     path = Path(root) / name
     try:
         path.mkdir(parents=True)
@@ -68,13 +68,16 @@ def open_run(
     return RunFolder(path=path, config=settings)
 
 
-def resume_run(path: str | Path, config: Any = None) -> RunFolder:
+def resume_run(
+    path: str | Path, config: Any = None, free: Collection[str] = ()
+) -> RunFolder:
     """Opens a run folder to go on with it.
 
     Args:
         path: the run folder.
         config: the settings asked for now, which must be those of the run; None takes
             those of the run.
+        free: names of settings that may differ.
 
     Raises:
         FileNotFoundError: not a run folder; the line lists the runs beside it.
@@ -83,7 +86,8 @@ def resume_run(path: str | Path, config: Any = None) -> RunFolder:
     path = check_run(path)
     settings = read_json(path / "config.json")
     if config is not None:
-        check_same(settings, _plain(config), path)
+        asked = _plain(config)
+        check_same(settings, asked | {name: settings[name] for name in free}, path)
     _make_folders(path)
     return RunFolder(path=path, config=settings)
 
@@ -122,8 +126,8 @@ def _plain(config: Any) -> dict[str, Any]:
     return json.loads(json.dumps(dataclasses.asdict(config), default=as_json))
 
 
-def _digest(settings: Mapping[str, Any]) -> str:
-    """Eight characters that change with any setting."""
+def digest(settings: Mapping[str, Any]) -> str:
+    """Eight characters that change with any setting of plain data."""
     text = json.dumps(settings, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:8]
 

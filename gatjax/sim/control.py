@@ -2,7 +2,7 @@
 
 Encoders, sensors, pilot, effects and servos are compiled functions; those that do not
 depend on the world are compiled once for all worlds, the others once for all worlds
-that differ in nothing but values.
+of the same model, causes and groundings, whatever `World.values` are.
 """
 
 from __future__ import annotations
@@ -199,8 +199,8 @@ def control(world: World) -> Control:
     """The part of the control loop that depends on a world, compiled once if need be.
 
     Args:
-        world: its causes, and the effects that were learned, are what decides; worlds
-            with other values share what is compiled.
+        world: its model, its causes with their numbers, and the effects that were
+            learned are what decides; other `World.values` share what is compiled.
     """
     return _control(_Structure(world))
 

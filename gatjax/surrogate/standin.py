@@ -79,7 +79,8 @@ class StandIn:
 
     def constants(self) -> dict:
         """Return what `robot.json` says about this robot."""
-        return published(self.engine.words, draw_body(self.body_seed))
+        facts = published(self.engine.words, draw_body(self.body_seed))
+        return {"identity": f"{self.name}, body {self.body_seed}"} | facts
 
     def walk(
         self,
