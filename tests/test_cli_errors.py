@@ -294,6 +294,30 @@ def test_an_out_that_cannot_be_written_is_told_before_any_walk(
         assert "is a file, --out needs a folder here" in line or "is a file" in line
 
 
+def test_a_motion_that_a_model_has_no_room_for_is_told(tmp_path, capsys):
+    """MJCF takes angles for degrees: this range is a twentieth of what was meant."""
+    model, world = tmp_path / "arm.xml", tmp_path / "arm.json"
+    model.write_text("""<mujoco><worldbody><body><joint name="a" axis="0 1 0"
+      range="-1.5 1.5" damping="0.1" armature="0.01"/><geom size="0.05" mass="0.2"/>
+      </body></worldbody><actuator><position name="a" joint="a" kp="5"/></actuator>
+      </mujoco>""")
+    world.write_text('{"schema": "gatjax.world/1", "model": "arm.xml", "effects": []}')
+    asked = ["collect", "--robot", "simulator", "--world", str(world), "--runs", "1"]
+    asked += ["--motion", "rich", "--out", str(tmp_path / "log.parquet")]
+    assert main(asked) == 0
+    assert "warning: a: told to move less than 0.05 rad" in capsys.readouterr().err
+    model.write_text(model.read_text().replace("-1.5 1.5", "-85 85"))
+    assert main([*asked[:-1], str(tmp_path / "wide.parquet")]) == 0
+    assert "warning" not in capsys.readouterr().err
+
+
+def test_a_shipped_model_that_is_misspelt_is_meant(tmp_path, capsys):
+    asked = ["diagnose", "--model", "nao_hun", "--data", "x", "--out", str(tmp_path)]
+    assert main(asked) == 1
+    line = capsys.readouterr().err.splitlines()[-1]
+    assert line.endswith("does not exist; did you mean nao_hung")
+
+
 def test_collect_does_not_write_over_a_policy(tmp_path, capsys):
     path = tmp_path / "best.json"
     policy(path)

@@ -225,6 +225,14 @@ def test_one_walk_has_no_spread():
     assert collecting.summary(two) == "25.0 +- 5.0 cm/s, 0 falls"
 
 
+def test_walks_that_stood_are_told_beside_those_that_fell():
+    speed, one, no = np.array([0.2, 0.1]), np.array([np.inf, 2.0]), np.full(2, np.inf)
+    fell, stood = (SimpleNamespace(velocity=speed, fell_at=at) for at in (one, no))
+    assert collecting.upright(fell) == "; 20.0 cm/s without those that fell"
+    assert collecting.upright(stood) == ""
+    assert collecting.upright(SimpleNamespace(velocity=speed, fell_at=speed)) == ""
+
+
 # Ctrl-C and errors that nobody foresaw
 
 

@@ -334,6 +334,19 @@ def test_start_in_motion_is_warned_of():
     assert "from its command" in only(offset, "start", "warning").text
 
 
+def test_positions_that_come_before_their_commands_are_told():
+    good = log(delay=0.03)
+    sides = "command", "position"
+    turned = {
+        f"{side}.{joint}": good.columns[f"{other}.{joint}"]
+        for joint in JOINTS
+        for side, other in (sides, sides[::-1])
+    }
+    told = only(changed(good, **turned), "delay", "warning")
+    assert told.text.endswith("are commands and positions swapped?")
+    assert told.values["hip"] == pytest.approx(-0.03, abs=0.005)
+
+
 def test_turned_sign_swapped_columns_and_shift_are_refused():
     good = log()
     mean = good.columns["position.hip"].mean()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,6 +19,7 @@ from gatjax.cli.inputs import (
     world_of,
 )
 from gatjax.cli.progress import shown_beside
+from gatjax.data.excitation import LEAST_RANGE
 from gatjax.data.recording import Recording, check_output, write_recording
 from gatjax.data.trajectories import to_recording
 from gatjax.hardware.robot import Hardware, HungHardware
@@ -111,6 +114,8 @@ def played(
         progress.stage(f"{len(drawn)} times {motion.name} on {robot.name}")
         recording, falls = record_motion(robot, play)
         progress.work(1.0)
+    pairs = zip(limbs.names, moving, strict=True)
+    warn_of_rest(recording, [name for name, moves in pairs if moves])
     fell = f", {counted(falls, 'fall')}" if limbs.floating else ""
     advice = "; try a smaller --reach" if falls else ""
     return recording, (
@@ -119,12 +124,34 @@ def played(
     )
 
 
+def warn_of_rest(recording: Recording, names: Sequence[str]) -> None:
+    """Name joints that were hardly told to move, on stderr."""
+    told = {name: np.ptp(recording.columns[f"command.{name}"]) for name in names}
+    still = [name for name, moved in told.items() if moved < LEAST_RANGE]
+    if still:
+        print(
+            f"warning: {', '.join(still)}: told to move less than {LEAST_RANGE} rad; "
+            f"try a larger --reach, or is the range in the model wrong (MJCF means "
+            f'degrees, unless its compiler says angle="radian")?',
+            file=sys.stderr,
+        )
+
+
 def summary(outcome: Any) -> str:
     """Say speed and falls in one line."""
     falls = int(np.isfinite(outcome.fell_at).sum())
     speed = 100.0 * np.asarray(outcome.velocity)
     spread = f" +- {speed.std():.1f}" if len(speed) > 1 else ""
     return f"{speed.mean():.1f}{spread} cm/s, {counted(falls, 'fall')}"
+
+
+def upright(outcome: Any) -> str:
+    """Say how fast those were that did not fall, where others did."""
+    stood = ~np.isfinite(outcome.fell_at)
+    if stood.all() or not stood.any():
+        return ""
+    speed = 100.0 * np.asarray(outcome.velocity)[stood].mean()
+    return f"; {speed:.1f} cm/s without those that fell"
 
 
 def counted(number: int, thing: str) -> str:

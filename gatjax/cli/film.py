@@ -17,19 +17,28 @@ RATE = 25.0  # frames a second
 SIZE = (1280, 720)
 
 
+def encoder() -> Any:
+    """Return what encodes videos.
+
+    Raises:
+        ImportError: one line: how to get it.
+    """
+    try:
+        return importlib.import_module("imageio_ffmpeg")
+    except ImportError as error:
+        raise ImportError(
+            "mp4 needs, in gatjax's folder: .venv/bin/pip install -c constraints.txt "
+            "-e '.[video]'; or take .html"
+        ) from error
+
+
 def film(path: Path, model: mujoco.MjModel, qpos: np.ndarray, period: float) -> None:
     """Write states [T, nq], one each `period` s, as a video.
 
     Raises:
         ImportError, RuntimeError: one line; ffmpeg or OpenGL is missing.
     """
-    try:
-        ffmpeg: Any = importlib.import_module("imageio_ffmpeg")
-    except ImportError as error:
-        raise ImportError(
-            "mp4 needs, in gatjax's folder: .venv/bin/pip install -c constraints.txt "
-            "-e '.[video]'; or take .html"
-        ) from error
+    ffmpeg = encoder()
     warnings.simplefilter("ignore")  # GLFW without a display, ffmpeg's fork
     try:
         renderer = mujoco.Renderer(model, height=SIZE[1], width=SIZE[0])

@@ -16,7 +16,7 @@ import gatjax
 from gatjax import loop, runs
 from gatjax.cli import arguments as verbs
 from gatjax.cli import logs, sharing
-from gatjax.cli.collecting import counted, record, summary
+from gatjax.cli.collecting import counted, record, summary, upright
 from gatjax.cli.inputs import (
     check_least,
     check_seconds,
@@ -218,9 +218,8 @@ def evaluate(verb: verbs.Evaluate) -> None:
             _, found[name] = robot.walk(policies, drawn, task)
             progress.work(1.0)
     for name, outcome in found.items():
-        print(
-            f"{name} on {robot.name}: {summary(outcome)} in {counted(verb.runs, 'run')}"
-        )
+        many = counted(verb.runs, "run")
+        print(f"{name} on {robot.name}: {summary(outcome)} in {many}{upright(outcome)}")
 
 
 @act.register
@@ -234,6 +233,10 @@ def view(verb: verbs.View) -> None:
         verb.robot, verb.body_seed, verb.world, task, verb.out.parent, walker_of
     )
     theta = policy_of(verb.policy)
+    if not verb.live and verb.out.suffix == ".mp4":
+        from gatjax.cli.film import encoder
+
+        encoder()
     if not verb.live:
         runs.make_folder(verb.out.parent)
     walk, outcome = robot.walk(theta[None], [verb.seed], task)

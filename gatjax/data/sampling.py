@@ -124,7 +124,7 @@ def check_gaps(recording: Recording, runs: Sequence[JointRun]) -> list[Finding]:
     share = float(np.concatenate(lost).mean())
     text = (
         f"{cell(recording, rows[row + 1], 'time')}: {step:.3g} s after the row "
-        f"before; {len(wide)} such gaps, the longest of {longest / period:.1f} periods"
+        f"before; such gaps: {len(wide)}, the longest of {longest / period:.1f} periods"
     )
     values = {"gaps": float(len(wide)), "longest": longest, "lost": share}
     if longest > WIDEST or share > MOST_LOST:

@@ -242,7 +242,7 @@ _SPRING = positive(
 
 CAUSES: tuple[Hypothesis, ...] = (
     positive("command_delay", "delay", "delay", 0.002, 0.2, _LATE, added=True),
-    positive("measurement_delay", "delay", "late", 0.002, 0.2, _LATE),
+    positive("measurement_delay", "delay", "late", 0.002, 0.2, _LATE, added=True),
     positive("first_order_lag", "time_constant", "lag", 0.002, 0.5, _LATE),
     factor("gain_error", "kp", 0.05, 5.0, (0.4, 0.7, 1.4, 2.0)),
     factor("damping_error", "kv", 0.02, 60.0, (0.3, 2.0, 6.0, 20.0)),

@@ -57,7 +57,8 @@ def positive(
         return scale(joint) * float(np.exp(x[0]))
 
     def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
-        drive[field] = size(joint, x) + (drive.get(field, 0.0) if added else 0.0)
+        known = joint.nominal if field == "late" else drive  # no tolerance sets it
+        drive[field] = size(joint, x) + (known.get(field, 0.0) if added else 0.0)
 
     logs = tuple((float(np.log(start)),) for start in starts)
     plain = Hypothesis(

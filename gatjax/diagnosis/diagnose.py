@@ -27,6 +27,7 @@ from gatjax.diagnosis.gain import Predicted, gained, half_second
 from gatjax.diagnosis.given import Given, Logs, Tell, given, judged
 from gatjax.diagnosis.logged import signals
 from gatjax.diagnosis.signals import grip, odd_sensors, write_signals
+from gatjax.diagnosis.simulated import as_close
 from gatjax.diagnosis.start import Start
 from gatjax.diagnosis.suitable import check_replay
 from gatjax.diagnosis.tolerances import USUAL, Tolerances
@@ -78,7 +79,7 @@ def diagnose(
             "it, or give its model"
         )
     made = {"nominal": start.world(data.period, extend.TIMESTEP)}
-    pairs = {}
+    pairs, near = {}, allowed
     if not data.floating:
         (pairs["nominal"],) = _predicted(data, [made["nominal"]])
         for part, runs, angles in zip(
@@ -89,7 +90,8 @@ def diagnose(
         ):
             servos = robot_model.servoed(data.model)
             check_replay(start.source, part, runs, angles, servos)
-    verdict = conclude(judged(data, tell, allowed))
+        near = as_close(data, allowed)
+    verdict = conclude(judged(data, tell, near))
     tell("extend", 0.0)
     if data.floating:  # what it logged upright
         data = data._replace(logs=verdict.judge.case.runs)
@@ -102,7 +104,7 @@ def diagnose(
     verdict = doubted(verdict)
     left = None
     if not data.floating:
-        left = closeness.left(verdict, data, made["extended"], allowed)
+        left = closeness.left(verdict, data, made["extended"], near)
     made["extended"] = carried(made["extended"], out)
     text = _told(data, verdict, made, pairs, alone, out, tell)
     write_signals(

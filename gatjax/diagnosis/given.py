@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import mujoco
@@ -10,10 +11,12 @@ import numpy as np
 
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import JointRun, to_arrays
+from gatjax.diagnosis import noise
 from gatjax.diagnosis.case import held, prepare
 from gatjax.diagnosis.excerpt import excerpt
 from gatjax.diagnosis.floor import channels, contact, standing
 from gatjax.diagnosis.floor.judge import StandingJudge
+from gatjax.diagnosis.joint import Assumed
 from gatjax.diagnosis.judge import Judge
 from gatjax.diagnosis.measure import STRAY, mean_period
 from gatjax.diagnosis.start import Start
@@ -98,11 +101,38 @@ def _limited(model: mujoco.MjModel, run: JointRun) -> JointRun:
     return run._replace(command=np.clip(run.command, low, high))
 
 
+def ahead_of(model: mujoco.MjModel) -> float:
+    """How far a simulation in the model's own steps is ahead of time, s.
+
+    Each step moves by the speed that it ends with: half a step, but for Runge-Kutta's.
+    """
+    exactly = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
+    return 0.0 if exactly else 0.5 * float(model.opt.timestep)
+
+
+def assumed_of(data: Given) -> list[Assumed]:
+    """What is assumed of each joint; simulators, which log no noise, are early."""
+    found, ahead = [], ahead_of(data.model)
+    known = data.start.joints(data.model)
+    for each, exact in zip(known, noise.exact(data.logs), strict=True):
+        law = partial(_early, each.law, ahead) if exact else each.law
+        found.append(each._replace(law=law))
+    return found
+
+
+def _early(
+    law: Callable[[float], dict[str, float]], ahead: float, limit: float
+) -> dict[str, float]:
+    """A law of a joint whose readings come so many seconds before their time."""
+    drive = law(limit)
+    return drive | {"late": drive.get("late", 0.0) - ahead}
+
+
 def judged(data: Given, tell: Tell, allowed: Tolerances) -> Judge:
     """The judge of a case, tolerances fitted."""
     model, logs, seed = data.model, data.logs, data.seed
     if not data.floating:
-        base = held(model, logs, seed, allowed, data.start.joints(model))
+        base = held(model, logs, seed, allowed, assumed_of(data))
         return Judge(prepare(base, logs, tell), tell)
     felt = [run for recording in data.files.fit for run in channels.cut(recording)]
     base = standing.prepare(model, logs, felt, data.period, tell, seed, allowed)

@@ -17,6 +17,7 @@ PERIOD = 0.25  # s, of the slowest oscillation that is looked for
 BLOCK = 20  # rows that are calm or not
 CALM = 0.7  # share of them that is taken for calm
 LEAST = 1e-5  # rad
+EXACT = 3e-6  # rad, five decimals; encoders are not as fine
 
 
 def of_joints(runs: list[JointRun]) -> np.ndarray:
@@ -31,6 +32,12 @@ def of_joints(runs: list[JointRun]) -> np.ndarray:
         return own
     least = np.maximum(_rounding(runs), np.median(own[~hunts]))
     return np.where(hunts, np.minimum(own, least), own)
+
+
+def exact(runs: list[JointRun]) -> np.ndarray:
+    """Whether a joint [J] is read without noise or steps, as simulators log it."""
+    levels = [_level(run, 3, SPREAD, 0.0) for run in runs]
+    return np.maximum(np.max(levels, axis=0), _rounding(runs)) < EXACT
 
 
 def noise_of(runs: list[JointRun]) -> np.ndarray:
@@ -54,12 +61,14 @@ def noise_of(runs: list[JointRun]) -> np.ndarray:
     return np.where((rounding > 0.0) | np.isinf(least), found, least)
 
 
-def _level(run: JointRun, order: int, spread: float) -> np.ndarray:
+def _level(
+    run: JointRun, order: int, spread: float, calmest: float = 0.3
+) -> np.ndarray:
     """Noise [J], rad, that differences of an order tell where a run is calm."""
     apart = np.diff(run.angle, order, axis=0) / spread
     count = max(len(apart) // BLOCK, 1)
     calm = apart[: count * BLOCK].reshape(count, -1, run.angle.shape[1])
-    return np.sqrt(np.quantile(np.square(calm).mean(1), 0.3, axis=0))
+    return np.sqrt(np.quantile(np.square(calm).mean(1), calmest, axis=0))
 
 
 def _rounding(runs: list[JointRun]) -> np.ndarray:

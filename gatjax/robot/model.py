@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from difflib import get_close_matches
 from pathlib import Path
 from typing import NamedTuple
 
@@ -79,7 +80,9 @@ def load(
     """
     file = model_file(path)
     if not file.is_file():
-        raise FileNotFoundError(f"model file {file} does not exist; give an MJCF file")
+        near = get_close_matches(str(path), SHIPPED, n=1)
+        meant = f"did you mean {near[0]}" if near else "give an MJCF file"
+        raise FileNotFoundError(f"model file {file} does not exist; {meant}")
     if file.suffix == ".json":
         raise ValueError(f"{file} is no MJCF model; a world file is given as --world")
     try:

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 
 INK = {"physics": "#0072B2", "control": "#E69F00", "search": "#CC79A7",
        "rest": "#999999"}  # fmt: skip
+WHOLE = "#56606B"  # of what is no part
 WORDS = {
     "physics": "bare physics", "control": "walk engine, sensors, effects, task",
     "search": "search", "rest": "waiting and carrying",
@@ -25,7 +26,7 @@ def draw(rows: Sequence[dict[str, Any]], path: Path) -> None:
     places = range(len(rows))
     for place, row in zip(places, rows, strict=True):
         speed, bare = row["closed_robot_s_per_s"], row["bare_robot_s_per_s"]
-        left.barh(place, speed, color="#0072B2")
+        left.barh(place, speed, color=WHOLE)
         if bare:
             left.plot([bare] * 2, [place - 0.4, place + 0.4], color="black")
         _stack(right, place, row)

@@ -1,0 +1,44 @@
+"""Logs without noise, as simulators write them: how far off the diagnosis itself is."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gatjax.diagnosis import measure, noise
+from gatjax.diagnosis.case import held, prepare, settled
+from gatjax.diagnosis.closeness import lasting
+from gatjax.diagnosis.given import Given, assumed_of
+from gatjax.diagnosis.tolerances import Tolerances
+
+
+def as_close(data: Given, allowed: Tolerances) -> Tolerances:
+    """Tolerances that let joints read without noise be as far off as fits always are.
+
+    Joints are simulated one by one, along what the others did, and with friction that
+    holds: no noise hides what that misses. It is what fits leave of the model itself,
+    simulated in its own steps with the same commands.
+
+    Args:
+        data: of a robot whose base is fixed.
+        allowed: how far the numbers of the model may be off.
+    """
+    exact = noise.exact(data.logs)
+    if not exact.any():
+        return allowed
+    model, logs = data.model, data.logs
+    world = data.start.world(data.period)
+    played = [each.angle for each in measure.replayed(world, logs)]
+    runs = [run._replace(angle=a) for run, a in zip(logs, played, strict=True)]
+    base = held(model, runs, data.seed, allowed, assumed_of(data))
+    case = settled(prepare(base, runs, _silent), _silent)
+    angle, lasts = {}, {}
+    for joint, fit, alone in zip(case.joints, case.healthy, exact, strict=True):
+        name = joint.name
+        missed = fit.rms() if alone else 0.0
+        angle[name] = float(np.hypot(allowed.close(name), missed))
+        lasts[name] = lasting(joint, fit) if alone else allowed.lasts(name)
+    return allowed._replace(angle=angle, lasting=lasts)
+
+
+def _silent(stage: str, share: float) -> None:
+    """Tell nothing of a fit that takes a second."""
