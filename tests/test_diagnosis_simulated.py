@@ -7,9 +7,13 @@ import numpy as np
 import pytest
 
 from gatjax.cli import main
+from gatjax.data.recording import Recording
 from gatjax.data.trajectories import JointRun
-from gatjax.diagnosis import noise
-from gatjax.diagnosis.given import ahead_of
+from gatjax.diagnosis import measure, noise
+from gatjax.diagnosis.given import Logs, ahead_of, given
+from gatjax.diagnosis.simulated import as_close
+from gatjax.diagnosis.start import Start
+from gatjax.diagnosis.tolerances import USUAL
 
 ARM = """
 <mujoco><compiler angle="radian"/><option {option}/><default>
@@ -50,6 +54,12 @@ def diagnosed(folder, motions, seed, **causes):
     return json.loads((folder / "out" / "diagnosis.json").read_text())
 
 
+def resting(time):
+    """A sine that comes to rest, rad."""
+    late = np.maximum(time - 4.0, 0.0)
+    return np.sin(3.0 * np.minimum(time, 4.0)) * np.exp(-6.0 * late)
+
+
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize(
     ("option", "servo", "friction", "motions"),
@@ -83,8 +93,7 @@ def test_a_cause_in_such_logs_is_named(tmp_path):
 
 def test_readings_are_exact_without_noise_and_steps():
     time = PERIOD * np.arange(400)
-    angle = np.where(time < 4.0, np.sin(3.0 * time), np.sin(12.0))  # and comes to rest
-    angle += 0.1 * np.exp(-6.0 * np.maximum(time - 4.0, 0.0)) * (time >= 4.0)
+    angle = resting(time)
     noisy = angle + np.random.default_rng(0).normal(0.0, 1e-4, len(time))
     stepped = 1e-4 * np.round(angle / 1e-4)
     rounded = np.round(angle, 6)
@@ -113,3 +122,27 @@ def test_a_simulation_is_half_a_step_ahead_of_time(option, seconds):
         mujoco.mj_step(model, data)
     ahead = data.qpos[0] / data.qvel[0] - 0.5 * data.time
     assert ahead == pytest.approx(seconds, abs=1e-6)
+
+
+def test_a_model_that_falls_apart_in_its_own_steps_tells_nothing(tmp_path):
+    """A light, stiff joint: shorter steps, as the diagnosis takes them, are sound."""
+    servo = 'kp="1e6" kv="1e4"'
+    text = ARM.format(option='timestep="0.02"', servo="", friction=0.0)
+    text = text.replace('kp="8"', servo).replace('kp="5"', servo)
+    path = tmp_path / "arm.xml"
+    path.write_text(text)
+    time = PERIOD * np.arange(400)
+    command = np.repeat(resting(time)[:, None], 2, axis=1)
+    columns = {
+        f"{kind}.{name}": command[:, k]
+        for kind in ("command", "position")
+        for k, name in enumerate(("a", "b"))
+    }
+    log = Recording("log", time, np.zeros(400, int), columns, {})
+    data = given(Start(str(path)), Logs([log], []), 0)
+    assert noise.exact(data.logs).all()
+    (coarse,) = measure.replayed(data.start.world(data.period), data.logs)
+    assert np.abs(coarse.angle - command).max() > 0.1
+    told = as_close(data, USUAL)
+    assert [told.close(name) for name in ("a", "b")] == [0.0, 0.0]
+    assert told.lasts("a") == USUAL.lasts("a")
