@@ -295,7 +295,7 @@ def test_an_out_that_cannot_be_written_is_told_before_any_walk(
 
 
 def test_a_motion_that_a_model_has_no_room_for_is_told(tmp_path, capsys):
-    """MJCF takes angles for degrees: this range is a twentieth of what was meant."""
+    """MJCF takes angles for degrees: this range is a 57th of what was meant."""
     model, world = tmp_path / "arm.xml", tmp_path / "arm.json"
     model.write_text("""<mujoco><worldbody><body><joint name="a" axis="0 1 0"
       range="-1.5 1.5" damping="0.1" armature="0.01"/><geom size="0.05" mass="0.2"/>

@@ -233,11 +233,11 @@ def view(verb: verbs.View) -> None:
         verb.robot, verb.body_seed, verb.world, task, verb.out.parent, walker_of
     )
     theta = policy_of(verb.policy)
-    if not verb.live and verb.out.suffix == ".mp4":
-        from gatjax.cli.film import encoder
-
-        encoder()
     if not verb.live:
+        if verb.out.suffix == ".mp4":
+            from gatjax.cli.film import encoder
+
+            encoder()  # told before the walk, if there is none
         runs.make_folder(verb.out.parent)
     walk, outcome = robot.walk(theta[None], [verb.seed], task)
     walk = jax.tree.map(lambda leaf: np.asarray(leaf)[0], walk)

@@ -197,11 +197,10 @@ def _delays(
     middle = 1e3 * float(np.median(list(known.values())))
     text = f"{recording.name}: positions follow their commands after {middle:.0f} ms "
     text += "(median of the joints)"
-    level: Level = "info"
-    if middle < -1e3 * period:
-        level = "warning"
+    early = middle < -1e3 * period
+    if early:
         text += ": before them; are commands and positions swapped?"
-    found = [Finding(level, "delay", text, known)]
+    found = [Finding("warning" if early else "info", "delay", text, known)]
     for joint, lag in known.items():
         if EARLIEST - period < lag <= LATEST:
             continue
@@ -218,7 +217,7 @@ def _delays(
         else:
             text += "commands and positions come from different clocks, align them"
         constant = abs(lag) > LATEST and lags[joint].drift <= APART and not slow
-        level = "refuse" if constant else "warning"
+        level: Level = "refuse" if constant else "warning"
         found.append(Finding(level, "shifted", text, {joint: lag}))
     return found
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from gatjax.diagnosis import measure, noise
-from gatjax.diagnosis.case import held, prepare, settled
+from gatjax.diagnosis.case import settled
 from gatjax.diagnosis.closeness import lasting
-from gatjax.diagnosis.given import Given, assumed_of
+from gatjax.diagnosis.given import Given, judged
 from gatjax.diagnosis.tolerances import Tolerances
 
 FAR = 0.01  # rad that fits leave of a model that falls apart in steps so long
@@ -27,12 +27,10 @@ def as_close(data: Given, allowed: Tolerances) -> Tolerances:
     exact = noise.exact(data.logs)
     if not exact.any():
         return allowed
-    model, logs = data.model, data.logs
-    world = data.start.world(data.period)
-    played = [each.angle for each in measure.replayed(world, logs)]
-    runs = [run._replace(angle=a) for run, a in zip(logs, played, strict=True)]
-    base = held(model, runs, data.seed, allowed, assumed_of(data))
-    case = settled(prepare(base, runs, _silent), _silent)
+    played = measure.replayed(data.start.world(data.period), data.logs)
+    pairs = zip(data.logs, played, strict=True)
+    runs = [run._replace(angle=each.angle) for run, each in pairs]
+    case = settled(judged(data._replace(logs=runs), _silent, allowed).case, _silent)
     angle, lasts = {}, {}
     for joint, fit, written in zip(case.joints, case.healthy, exact, strict=True):
         name, missed = joint.name, fit.rms()

@@ -14,7 +14,7 @@ from gatjax.report.intervals import Interval, share_interval
 from gatjax.report.read import CHOSEN, THETA0, Metric, Prediction, Rollout
 from gatjax.report.tables import CM, Candidate, Summary, ordered
 from gatjax.report.wording import number
-from gatjax.task import Task
+from gatjax.task import Task, cost_of
 
 Costs = list[tuple[Metric | Candidate, float]]  # row, cm/s
 Points = list[tuple[float, Interval, bool]]  # place, value, whether any walk fell
@@ -114,8 +114,8 @@ def robot_costs(summary: Summary, rollouts: Sequence[Rollout]) -> Costs:
     walks: dict[tuple, list[float]] = {}
     for row in rollouts:
         key = (row.method, row.iteration, row.generation, row.candidate)
-        cost = CM * (Task().fall_penalty * row.fell - row.velocity_m_s)
-        walks.setdefault(key, []).append(cost)
+        cost = float(cost_of(Task(), row.velocity_m_s, row.fell))
+        walks.setdefault(key, []).append(CM * cost)
     return [
         (row, sum(walks[row[:4]]) / row.rollouts)
         for method in summary.methods
