@@ -73,23 +73,10 @@ def diagnose(
     """
     began = time.monotonic()
     data = given(start, files, seed)
-    if data.floating and start.rows:
-        raise ValueError(
-            "a robot that stands is not diagnosed from a world with causes yet; hang "
-            "it, or give its model"
-        )
     made = {"nominal": start.world(data.period, extend.TIMESTEP)}
     pairs, near = {}, allowed
     if not data.floating:
-        (pairs["nominal"],) = _predicted(data, [made["nominal"]])
-        for part, runs, angles in zip(
-            data.files[:2],
-            (data.logs, data.unseen),
-            pairs["nominal"].angles(),
-            strict=True,
-        ):
-            servos = robot_model.servoed(data.model)
-            check_replay(start.source, part, runs, angles, servos)
+        pairs["nominal"] = _checked(data, made["nominal"])
         near = as_close(data, allowed)
     verdict = conclude(judged(data, tell, near))
     tell("extend", 0.0)
@@ -110,17 +97,34 @@ def diagnose(
     write_signals(
         out / "signals.parquet", data.joints, data.logs, data.unseen, pairs, verdict
     )
-    made_by = {"verb": "diagnose", "seed": seed}
-    write_world(out / "world.json", made["extended"], made_by, None)
-    if left is not None:
-        write_json(out / "tolerances.json", left)
-    mjcf.write_model(out / "extended.xml", made["extended"])
+    _write_extended(out, made["extended"], seed, left)
     text["made_by"] = _made_by(start, seed, allowed)
     text["seconds"] = round(time.monotonic() - began, 1)
     odd = odd_sensors(text["signals"], ", ".join(log.name for log in files.fit))
     text["data_checks"] = [*odd, *grip(made["extended"]), *files.checks]
     write_json(out / "diagnosis.json", text)
     return text
+
+
+def _checked(data: Given, nominal: World) -> Predicted:
+    """What the model predicts; refuses logs that it cannot have been moved by."""
+    (predicted,) = _predicted(data, [nominal])
+    servos = robot_model.servoed(data.model)
+    parts = zip(data.files[:2], (data.logs, data.unseen), predicted.angles(),
+                strict=True)  # fmt: skip
+    for part, runs, angles in parts:
+        check_replay(data.start.source, part, runs, angles, servos)
+    return predicted
+
+
+def _write_extended(
+    out: Path, extended: World, seed: int, left: dict[str, Any] | None
+) -> None:
+    """Write the extended world, as MJCF too, and how close it comes where known."""
+    write_world(out / "world.json", extended, {"verb": "diagnose", "seed": seed}, None)
+    if left is not None:
+        write_json(out / "tolerances.json", left)
+    mjcf.write_model(out / "extended.xml", extended)
 
 
 def _borne_out(

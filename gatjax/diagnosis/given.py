@@ -79,8 +79,17 @@ class Given(NamedTuple):
 
 
 def given(start: Start, files: Logs, seed: int) -> Given:
-    """Load the model, and cut recordings into runs of its joints."""
+    """Load the model, and cut recordings into runs of its joints.
+
+    Raises:
+        ValueError: one line: a start or logs that are not diagnosed.
+    """
     model = start.model()
+    if floats(model) and start.rows:
+        raise ValueError(
+            "a robot that stands is not diagnosed from a world with causes yet; hang "
+            "it, or give its model"
+        )
     joints = robot_model.joint_names(model)
     whole = files.fit
     if not floats(model):

@@ -128,17 +128,7 @@ def resolved(settings: LoopSettings) -> LoopSettings:
     Raises:
         ValueError: one line with the setting that is wrong and what it may be.
     """
-    for name, known in (("methods", (*METHODS, ORACLE)), ("candidates", KINDS)):
-        given = getattr(settings, name)
-        if not given and not (name == "methods" and settings.explain):
-            raise ValueError(f"no {name} given; name at least one: {' '.join(known)}")
-        for each in given:
-            if each not in known:
-                raise ValueError(
-                    f"{name[:-1]} {each!r} is unknown; choose from {', '.join(known)}"
-                )
-        if len(set(given)) != len(given):
-            raise ValueError(f"{name} {given} name one twice; name each once")
+    _check_named(settings)
     if ORACLE in settings.methods and "rechecked" in settings.candidates:
         raise ValueError(
             "oracle searches on the robot itself: no simulation to recheck in; "
@@ -165,6 +155,26 @@ def resolved(settings: LoopSettings) -> LoopSettings:
             )
         ungrounded(settings.world, task)
     checked(settings.search)
+    return _on_this_machine(settings)
+
+
+def _check_named(settings: LoopSettings) -> None:
+    """Refuse methods and candidates that are unknown, missing or named twice."""
+    for name, known in (("methods", (*METHODS, ORACLE)), ("candidates", KINDS)):
+        given = getattr(settings, name)
+        if not given and not (name == "methods" and settings.explain):
+            raise ValueError(f"no {name} given; name at least one: {' '.join(known)}")
+        for each in given:
+            if each not in known:
+                raise ValueError(
+                    f"{name[:-1]} {each!r} is unknown; choose from {', '.join(known)}"
+                )
+        if len(set(given)) != len(given):
+            raise ValueError(f"{name} {given} name one twice; name each once")
+
+
+def _on_this_machine(settings: LoopSettings) -> LoopSettings:
+    """Check model and backend, and write out what `auto` stands for here."""
     if settings.model not in MODELS:
         raise ValueError(
             f"model {settings.model!r} is unknown; choose from {list(MODELS)}"
