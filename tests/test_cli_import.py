@@ -60,6 +60,7 @@ def test_a_draft_that_nobody_corrected_makes_room_for_that_of_other_logs(
     _, _, _, out = brought(tmp_path / "a.parquet")
     draft = out.with_suffix(".map.yaml")
     assert "position.a" in draft.read_text()
+    assert "# time: {unit: s}" in draft.read_text()
     code, said, _, _ = brought(tmp_path / "b.parquet")
     assert code == 0 and "stays" not in said
     assert "position.b" in draft.read_text() and "position.a" not in draft.read_text()

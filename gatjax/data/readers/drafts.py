@@ -21,6 +21,7 @@ EXAMPLE = (
     "command.JOINT: {from: SIGNAL, unit: rad, sign: 1, offset: 0}",
     "position.JOINT: {from: SIGNAL, unit: rad, sign: 1, offset: 0}",
 )
+CLOCK = "  # time: {unit: s}  # or ms, us, ns"
 PLAIN = re.compile(r"[A-Za-z_/][A-Za-z0-9_./-]*")
 
 
@@ -41,6 +42,8 @@ def text(sources: Sequence[Source]) -> str:
         entries = source.draft | entries
     lines = [f"  {_quoted(column)}: {_entry(column, entries[column])}"
              for column in entries]  # fmt: skip
+    if "time" not in entries:
+        lines.insert(0, CLOCK)
     if not any(column.startswith("position.") for column in entries):
         lines += [f"  # {example}" for example in EXAMPLE]
     used = {entry.get("from", column) for column, entry in entries.items()}
