@@ -62,6 +62,7 @@ def velocity_picture(summary: Summary, kind: str) -> str:
     strokes, axis = _candidates(summary, kind)
 
     def paint(axes: Axes) -> None:
+        axes.set_ylim(*_velocity_limits(summary))
         _theta0_band(axes, summary)
         for stroke in strokes:
             points: Points = []
@@ -73,7 +74,6 @@ def velocity_picture(summary: Summary, kind: str) -> str:
                     _cross_at_bottom(axes, place, stroke.method)
             _line(axes, stroke.method, points)
         axis.label(axes)
-        axes.set_ylim(*_velocity_limits(summary))
         axes.set_ylabel("velocity, cm/s")
 
     return draw(paint)
@@ -84,6 +84,7 @@ def falls_picture(summary: Summary, kind: str) -> str:
     strokes, axis = _candidates(summary, kind)
 
     def paint(axes: Axes) -> None:
+        axes.set_ylim(-4, 104)
         for stroke in strokes:
             points: Points = []
             for row in stroke.rows:
@@ -92,7 +93,6 @@ def falls_picture(summary: Summary, kind: str) -> str:
                 points.append((axis.of(row) + stroke.shift, share, row.falls > 0))
             _line(axes, stroke.method, points)
         axis.label(axes)
-        axes.set_ylim(-4, 104)
         axes.set_ylabel("walks that fell, %")
 
     return draw(paint, height=2.6)
@@ -200,8 +200,8 @@ def _cross_at_bottom(axes: Axes, place: float, method: str) -> None:
 def _velocity_limits(summary: Summary) -> tuple[float, float]:
     """Limits that hold every candidate, so that the pictures can be compared.
 
-    An interval of two walks may be longer than all else: it is cut at the spread of the
-    candidates.
+    An interval of two walks may be longer than all else: it is cut at half the spread
+    of the candidates beyond them.
     """
     every = [each for method in summary.methods for each in method.candidates]
     found = [each.velocity for each in (*every, summary.theta0) if each]
@@ -210,8 +210,8 @@ def _velocity_limits(summary: Summary) -> tuple[float, float]:
     spread = max(max(means) - min(means), 1.0)
     lows = [velocity.low for velocity in velocities if velocity.known]
     highs = [velocity.high for velocity in velocities if velocity.known]
-    low = max(min(lows + means), min(means) - spread)
-    high = min(max(highs + means), max(means) + spread)
+    low = max(min(lows + means), min(means) - 0.5 * spread)
+    high = min(max(highs + means), max(means) + 0.5 * spread)
     room = max(0.08 * (high - low), 0.5)
     return low - 1.5 * room, high + room
 
@@ -232,14 +232,18 @@ def _theta0_band(axes: Axes, summary: Summary) -> None:
 
 
 def _line(axes: Axes, method: str, points: Points) -> None:
+    """Join the points; an interval that leaves the picture says little: it is pale."""
     colour = colour_of(method)
+    least, most = axes.get_ylim()
     places = [place for place, _, _ in points]
     means = [value.mean for _, value, _ in points]
     axes.plot(places, means, color=colour, linewidth=1.6, alpha=0.85)
     for place, value, fell in points:
         if value.known:
+            inside = least <= value.low and value.high <= most
+            width, alpha = (1.6, 0.6) if inside else (0.8, 0.35)
             ends = [value.low, value.high]
-            axes.plot([place] * 2, ends, color=colour, linewidth=1.6, alpha=0.6)
+            axes.plot([place] * 2, ends, color=colour, linewidth=width, alpha=alpha)
         axes.plot(
             place,
             value.mean,

@@ -52,8 +52,8 @@ def robot_pictures(summary: Summary) -> str:
     note = (
         "<p class=note>Filled marks: no walk fell. Hollow marks: some fell, the "
         "velocity is that of the walks that did not. Cross at the bottom: every walk "
-        "fell. Bars: 95 % intervals, Student t for velocities (cut where they are "
-        "longer than all velocities lie apart), Wilson for falls. Dashed line and "
+        "fell. Bars: 95 % intervals, Student t for velocities (pale where they "
+        "leave the picture: few walks stood), Wilson for falls. Dashed line and "
         "band: theta0. Confirmation walks are not in these pictures.</p>"
     )
     body = legend(names) + f'<div class="pictures">{"".join(pictures)}</div>' + note
