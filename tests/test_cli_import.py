@@ -146,6 +146,16 @@ def test_a_log_is_never_written_over(tmp_path, capsys, log, out):
     assert path.read_text() == text
 
 
+def test_a_file_of_a_folder_that_is_a_log_is_never_written_over(tmp_path, capsys):
+    inside = tmp_path / "motion" / "control.csv"
+    inside.parent.mkdir()
+    inside.write_text("as it was")
+    assert main(["import", str(inside.parent), "--out", str(inside)]) == 1
+    said = capsys.readouterr().err
+    assert f"is a file of {inside.parent} and would be written over" in said
+    assert inside.read_text() == "as it was"
+
+
 def test_a_map_may_name_everything(tmp_path, brought):
     table = {"stamp_ms": 1e3 * logs.SEEN, "q": np.sin(logs.SEEN),
              "goal": np.sin(logs.SEEN), "lap": np.zeros(len(logs.SEEN))}  # fmt: skip

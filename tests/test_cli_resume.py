@@ -3,6 +3,7 @@
 import dataclasses
 import importlib
 import json
+import os
 import shutil
 import zipfile
 from types import SimpleNamespace
@@ -259,12 +260,23 @@ def test_ctrl_c_says_how_this_verb_goes_on(given, says, capsys, monkeypatch, tmp
 
 def test_ctrl_c_leaves_an_earlier_diagnosis(capsys, monkeypatch, tmp_path):
     def stop(verb):
-        (tmp_path / "diagnosis.json").write_text("{}")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(verbs, "act", stop)
+    def drawing(verb):
+        file = tmp_path / "diagnosis.json"
+        file.write_text("{}")
+        os.utime(file, ns=(0, next(times)))
+        raise KeyboardInterrupt
+
+    times = iter((10**9, 2 * 10**9))
     given = ["diagnose", "--model", "m.xml", "--data", "a.csv", "--out", str(tmp_path)]
+    monkeypatch.setattr(verbs, "act", stop)
     assert main(given) == 130 and "nothing was kept" in capsys.readouterr().err
+    monkeypatch.setattr(verbs, "act", drawing)
+    for _ in range(2):  # without an earlier one, and with it
+        assert main(given) == 130
+        assert "has the new diagnosis, all but its report" in capsys.readouterr().err
+    monkeypatch.setattr(verbs, "act", stop)
     assert main(given) == 130
     assert f"{tmp_path} keeps the earlier diagnosis" in capsys.readouterr().err
 

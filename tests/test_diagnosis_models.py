@@ -21,11 +21,11 @@ from gatjax.diagnosis.assembly import build, nominal_drive
 from gatjax.diagnosis.case import held, unfitted
 from gatjax.diagnosis.given import control_period
 from gatjax.diagnosis.motion import Motion
-from gatjax.diagnosis.suitable import check_replay
+from gatjax.diagnosis.suitable import cautions, check_replay
 from gatjax.diagnosis.tolerances import USUAL
 from gatjax.effects.gear import GIVE as TEETH
-from gatjax.sim.episode import coupled, coupled_speed, ties
 from gatjax.sim.limbs import put_down
+from gatjax.sim.tied import coupled, coupled_speed, ties
 from gatjax.sim.world import dividing
 
 PLAIN = """
@@ -424,6 +424,56 @@ def test_of_a_tie_who_is_driven_leads_whoever_is_written_first() -> None:
     both = [put_down(model, np.array([0.2, 0.3])) for model in models]
     np.testing.assert_allclose(both[0], [0.2, 0.3, -0.2], atol=1e-12)
     np.testing.assert_allclose(both[1], both[0], atol=1e-12)
+
+
+CHAIN = """<mujoco><compiler angle="radian"/><worldbody>
+<body name="a"><joint name="first" axis="0 1 0"/><geom size="0.05"/>
+<body name="b" pos="0 0 -0.2"><joint name="second" axis="0 1 0"/><geom size="0.04"/>
+<body name="c" pos="0 0 -0.2"><joint name="third" axis="0 1 0"/><geom size="0.03"/>
+</body></body></body></worldbody><equality>{}</equality>
+<actuator><position name="first" joint="first" kp="20" kv="1"/></actuator></mujoco>"""
+SECOND = '<joint joint1="second" joint2="first" polycoef="0.1 2 0 0 0"/>'
+BACK = '<joint joint1="first" joint2="second" polycoef="-0.05 0.5 0 0 0"/>'
+THIRD = '<joint joint1="third" joint2="second" polycoef="0.3 -1 0 0 0"/>'
+
+
+@pytest.mark.parametrize("equality", [SECOND + THIRD, THIRD + SECOND, BACK + THIRD])
+def test_a_chain_of_ties_is_led_by_the_joint_that_is_driven(equality: str) -> None:
+    """third = 0.3 - second = 0.2 - 2 first."""
+    model = mujoco.MjModel.from_xml_string(CHAIN.format(equality))
+    followers, leaders, lines = ties(model)
+    told = sorted(
+        zip(followers.tolist(), leaders.tolist(), lines.tolist(), strict=True)
+    )
+    assert [(one, other) for one, other, _ in told] == [(1, 0), (2, 0)]
+    np.testing.assert_allclose(told[0][2], [0.1, 2.0, 0.0, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(told[1][2], [0.2, -2.0, 0.0, 0.0, 0.0], atol=1e-12)
+    tree = loads.Tree(model, model.actuator_trnid[:, 0])
+    np.testing.assert_allclose(tree.moves[:, 0], [1.0, 2.0, -2.0], atol=1e-12)
+    assert not list(cautions(model))
+
+
+def test_a_tie_to_a_joint_that_nothing_drives_is_told() -> None:
+    model = mujoco.MjModel.from_xml_string(CHAIN.format(THIRD))
+    assert any("second, third is not driven" in line for line in cautions(model))
+
+
+def test_the_encoder_of_a_tied_joint_is_not_needed(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    (tmp_path / "robot.xml").write_text(PLAIN)
+    logged(mujoco.MjModel.from_xml_string(PLAIN), tmp_path / "a.parquet", 1, 6.0)
+    table = parquet.read_table(tmp_path / "a.parquet")
+    name = "position.right"
+    assert name not in table.column_names
+    right = pa.array(0.1 - table["position.left"].to_numpy())
+    parquet.write_table(table.append_column(name, right), tmp_path / "a.parquet")
+    command = ["diagnose", "--model", str(tmp_path / "robot.xml"), "--data"]
+    out = tmp_path / "o"
+    assert main([*command, str(tmp_path / "a.parquet"), "--out", str(out)]) == 0
+    told = json.loads((out / "diagnosis.json").read_text())
+    assert told["verdict"] == "none"
+    assert any("position.right not used" in row["text"] for row in told["data_checks"])
 
 
 def test_a_joint_that_stays_where_the_model_says_is_no_error(tmp_path: Path) -> None:

@@ -8,7 +8,16 @@ import pytest
 from test_diagnosis_plant import joint, wave
 
 from gatjax.data.trajectories import JointRun
-from gatjax.diagnosis import accepting, bank, drops, motion, noise, outage, quantum
+from gatjax.diagnosis import (
+    accepting,
+    bank,
+    drops,
+    motion,
+    noise,
+    outage,
+    quantum,
+    ripple,
+)
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.aliases import UPSIDE_DOWN
 from gatjax.diagnosis.assembly import TRANSPORT
@@ -256,6 +265,21 @@ def test_the_step_of_a_rounded_target_is_read_from_what_it_leaves():
     assert quantum.steps(noisy, left)[0] == pytest.approx(0.0371, rel=2e-3)
 
 
+@pytest.mark.parametrize("cycles", [9.7, 17.3, 25.2, 37.5])
+def test_the_rate_of_a_ripple_is_read_from_what_it_leaves(cycles):
+    """Between the rates of the bank, 14 % apart, no slope leads to it."""
+    bare, rng = joint(wave), np.random.default_rng(3)
+    law = {"ripple": 0.25, "cycles": cycles, "ripple_phase": 1.0}
+    angle = bare.simulate([law], False)[..., 0]
+    path = np.interp(np.asarray(bare.grid.clock)[:, 0], bare.time[0], angle[0])
+    noisy = bare._replace(
+        measured=angle + rng.normal(0.0, 7e-4, (1, 250)),
+        grid=bare.grid._replace(path=path[:, None]),
+    )
+    left = fits.residuals(noisy, [(None, np.zeros(COUNT))])[:, 0]
+    assert ripple.rates(noisy, left)[0] == pytest.approx(cycles, abs=0.3)
+
+
 @pytest.mark.parametrize("rate", [0.0, 31.0])
 def test_what_a_tick_does_to_a_servo_is_what_its_simulation_says(rate):
     bare, tick = joint(wave), 0.01
@@ -263,7 +287,7 @@ def test_what_a_tick_does_to_a_servo_is_what_its_simulation_says(rate):
     pulse = (0.1 * ((here >= 0.0) & (here < tick)))[:, None].astype(np.float32)
     one = bare._replace(grid=bare.grid._replace(target=pulse)).drawn(rate)
     simulated = one.simulate([{}], False)[0, :35, 0] / 0.1
-    answer = quantum._answer(one, tick)
+    answer = quantum._tick(one, tick)
     assert np.abs(answer - simulated).max() < 0.12 * np.abs(simulated).max()
 
 

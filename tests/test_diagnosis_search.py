@@ -104,6 +104,29 @@ def test_a_small_effect_of_a_linear_law_starts_where_it_is(cause: str, size: flo
     assert best.cost < base.cost
 
 
+@pytest.mark.parametrize(("cause", "field", "share"), [
+    ("armature", "armature", 6.0), ("viscous_friction", "damping", 0.8),
+])  # fmt: skip
+def test_a_cause_of_what_the_model_has_none_of_is_found(cause, field, share):
+    """MuJoCo's defaults: no armature and no damping, which leaves no unit for them."""
+    elbow = joint(wave)
+    bare = elbow.nominal | {"armature": 0.0, "damping": 0.0, "kv": 0.0}
+    if cause == "armature":
+        bare["kv"] = elbow.nominal["kv"]
+    elbow = elbow._replace(nominal=bare)
+    scale = elbow.inertia if cause == "armature" else bare["kp"] ** 0.5
+    size = share * scale * (1.0 if cause == "armature" else elbow.inertia**0.5)
+    noise = 7e-4 * np.random.default_rng(0).normal(size=elbow.measured.shape)
+    moved = elbow.simulate([{field: size}], False)[..., 0]
+    elbow = elbow._replace(measured=moved + noise)
+    law = next(h for h in of_drive(elbow, CAUSES) if h.cause == cause)
+    begun = search.scan(elbow, search.healthy(elbow), (law,))
+    found = min(fits.improve(elbow, begun, 8), key=lambda fit: fit.cost)
+    (value,) = law.values(elbow, found.x[COUNT:]).values()
+    assert value == pytest.approx(size, rel=0.15)  # masses have tolerances
+    assert found.rms() < 1.2 * elbow.noise
+
+
 def test_tolerances_that_stand_for_a_linear_law_give_way_to_it():
     """A torque that a spring's bias is, which friction and zeros were bent to."""
     elbow = joint(wave)

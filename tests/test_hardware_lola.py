@@ -441,6 +441,10 @@ def test_who_is_not_there_and_who_runs_at_another_rate(nao, tmp_path, capsys):
     command = ["collect", "--robot", f"lola:{nao}", "--out", str(tmp_path / "x.csv")]
     assert main(command) == 1
     assert "--rate-hz 83.3" in capsys.readouterr().err
+    folder = tmp_path / "runs"
+    assert main(["run", "--robot", f"lola:{nao}", "--out", str(folder)]) == 1
+    assert "--rate-hz 83.3" in capsys.readouterr().err
+    assert not folder.exists()  # nothing for --resume to take up
     for flag, value in (("--walks", "0"), ("--forward", "3"), ("--seconds", "nan")):
         assert main(["deploy", "theta0", "--robot", f"lola:{nao}", flag, value]) == 1
         assert f"{flag} is {value}" in capsys.readouterr().err

@@ -1,6 +1,7 @@
 """Who looks after the robot: a terminal, motion capture, and what is asked again."""
 
 import contextlib
+import errno
 import json
 import os
 import signal
@@ -272,6 +273,34 @@ def test_a_log_never_writes_over_another_and_notes_places(tmp_path):
     assert places[0] == "time,trajectory,x,y,z,qw,qx,qy,qz" and len(places) == 2
 
 
+def test_a_full_disk_leaves_whole_rows(tmp_path):
+    log = Log(tmp_path, "lola", "fixed", 0.012)
+
+    class Full:
+        def __init__(self, file):
+            self.file, self.close, self.fileno = file, file.close, file.fileno
+            self.tell, self.truncate = file.tell, file.truncate
+
+        def write(self, data):
+            if self.file.tell() > 10_000:
+                raise OSError(errno.ENOSPC, "No space left on device")
+            return self.file.write(data[:1000])
+
+    log._files = [Full(file) for file in log._files]
+    seen = Direct(SimulatedNao("stiff", 0, 0)).receive(0.0)
+    command = type("C", (), {"target": np.zeros(25), "stiffness": np.zeros(25)})
+    for _ in range(3):
+        for _ in range(2):
+            log.add(0, seen, command, 1.0)
+        log._write(False)
+    for _ in range(20):
+        log.add(0, seen, command, 1.0)
+    log.close()
+    assert "rows were lost (No space left on device)" in str(log.failed)
+    head, *rows = log.path.read_text().splitlines()
+    assert len(rows) == 6 and {row.count(",") for row in rows} == {head.count(",")}
+
+
 def test_a_log_writes_on_where_the_disk_took_a_part(tmp_path):
     """A file without a buffer may write less than it is given, and says how much."""
     log = Log(tmp_path, "lola", "fixed", 0.012)
@@ -279,6 +308,7 @@ def test_a_log_writes_on_where_the_disk_took_a_part(tmp_path):
     class Slow:
         def __init__(self, file):
             self.file, self.close, self.fileno = file, file.close, file.fileno
+            self.tell = file.tell
 
         def write(self, data):
             return self.file.write(data[:7])

@@ -78,7 +78,7 @@ def test_trajectories_are_commands_ahead_of_time(tmp_path):
     source = read(logs.write_mcap(tmp_path / "goal.mcap", every))
     goal = source.runs[0]["/arm/goal/position.hip"]
     share = (goal.time - goal.time[0]) / 1.5
-    assert share[-1] == pytest.approx(1.0, abs=1e-5) and len(share) == 151
+    assert share[-1] == pytest.approx(1.0, abs=1e-5) and len(share) == 1501
     begun = np.interp(0.1, logs.SEEN, logs.angles(logs.SEEN)[0])
     np.testing.assert_allclose(goal.values, begun + share * (0.5 - begun), atol=1e-5)
     assert source.draft["command.hip"] == {"from": "/arm/goal/position.hip"}
@@ -222,7 +222,7 @@ def test_a_path_is_commanded_between_its_points_and_ends_where_the_next_begins(
     cubic = 0.5 * (1.0 - 3.0 * (time - 0.5) ** 2 + 2.0 * (time - 0.5) ** 3)
     expected = np.where(time < 0.5 - 1e-6, time, cubic)
     np.testing.assert_allclose(stream.values, expected, atol=1e-5)
-    assert time[-1] == pytest.approx(1.5, abs=1e-5) and len(time) == 151
+    assert time[-1] == pytest.approx(1.5, abs=1e-5) and len(time) == 1501
     assert any("are joined as a ros2_control controller does" in n
                for n in source.notes)  # fmt: skip
 
@@ -278,7 +278,7 @@ def test_a_path_goes_to_its_first_point_from_where_the_commands_are(tmp_path):
     )  # fmt: skip
     np.testing.assert_allclose(stream.values, expected, atol=1e-5)
     assert time[-1] == pytest.approx(1.8, abs=1e-5)
-    assert len(time) == 50 + 101 + 21
+    assert len(time) == 500 + 1001 + 201
 
 
 def test_cubics_go_on_with_the_speed_of_the_path_before(tmp_path):
@@ -287,7 +287,7 @@ def test_cubics_go_on_with_the_speed_of_the_path_before(tmp_path):
     stream = written(tmp_path, *sent).runs[0]["/goal/position.hip"]
     time = stream.time - stream.time[0]
     np.testing.assert_allclose(stream.values, time, atol=1e-5)
-    assert len(time) == 201
+    assert len(time) == 2001
 
 
 def sent_to(joints, time, points, stamp=0.0):
@@ -308,6 +308,36 @@ def test_a_path_ends_the_one_before_whatever_joints_it_names(tmp_path):
     assert hip.values[at[:3]] == pytest.approx([0.25, 0.25, 0.0], abs=0.011)
     assert ankle.values[at[:3]] == pytest.approx([0.5, 1.0, 0.5], abs=0.021)
     assert hip.values[-1] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_rows_between_the_points_of_a_path_are_told_where_it_is(tmp_path):
+    sent = path("/goal", 0.0, [(0.0, 0.0, 0.0), (2.0, 2.0, 0.0)])
+    source = written(tmp_path, sent)
+    recording = readers.assemble(source).recording
+    lag = recording.time - recording.columns["command.hip"]
+    lag = lag[recording.columns["command.hip"] < 1.999]
+    assert len(lag) > 50 and np.ptp(lag) < 0.0011  # a row holds it for 1 ms
+
+
+def test_of_two_topics_with_the_same_joints_the_other_is_told(tmp_path):
+    other = [("/leader/joint_states", *state(t + 0.001)[1:]) for t in logs.SEEN]
+    source = written(tmp_path, *other)
+    note = next(n for n in source.notes if "as well" in n)
+    assert "/leader/joint_states has position.hip, position.Knöchel as well" in note
+    assert "taken from /joint_states" in note
+    assert source.draft["position.hip"] == {"from": "/joint_states/position.hip"}
+
+
+def test_samples_before_the_first_reading_or_stamp_are_left_out(tmp_path):
+    blind = state(-0.03)
+    blind[3]["position"] = [float("nan")] * len(logs.JOINTS)
+    early = state(-0.05)
+    early[3]["header"] = logs.header(0.0)
+    source = written(tmp_path, early, blind)
+    stream = source.runs[0]["/joint_states/position.hip"]
+    assert len(stream.time) == len(logs.SEEN) and np.isfinite(stream.values).all()
+    assert any("1 messages before the first with a stamp" in n for n in source.notes)
+    assert any("hip: 1 samples left out, no numbers" in n for n in source.notes)
 
 
 def test_a_path_that_never_began_leaves_nothing(tmp_path):

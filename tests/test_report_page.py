@@ -343,6 +343,18 @@ def test_walk_ends_before_its_first_nan(tmp_path):
     assert len(read_walk(tmp_path / "walk.npz").time) == 7
 
 
+def test_a_robot_that_nobody_saw_lacks_nothing(tmp_path):
+    folder = write_default(tmp_path)
+    for path in (folder / "walks").glob("*.npz"):
+        with np.load(path) as file:
+            arrays = dict(file)
+        arrays["body_position"][:] = math.nan
+        np.savez(path, **arrays)
+    page = page_of(folder)
+    assert "This run is not complete" not in page
+    assert "which takes motion capture" in page
+
+
 def test_page_stays_small(tmp_path):
     folder = write_default(tmp_path)
     for index in range(60):

@@ -70,12 +70,15 @@ def read_cases(
 
     Raises:
         FileNotFoundError: answers.json or a file of a case is not there.
-        ValueError: nothing is left.
+        ValueError: no cases in answers.json, or nothing is left.
     """
     answers = folder / "answers.json"
     if not answers.is_file():
         raise FileNotFoundError(f"{answers}: no such file; --folder needs the answers")
-    entries = read_json(answers)["cases"]
+    told = read_json(answers)
+    if not isinstance(told, dict) or "cases" not in told:
+        raise ValueError(f"{answers}: no list of cases in it; docs/files.md has one")
+    entries = told["cases"]
     found = [
         _case(folder, entry)
         for entry in entries

@@ -6,7 +6,6 @@ import os
 import shlex
 import sys
 import traceback
-from pathlib import Path
 from typing import Any
 
 from gatjax import __version__
@@ -88,16 +87,17 @@ def _line(error: Exception) -> str:
     )
 
 
-def _runs(chosen: Any) -> set[Path]:
+def _runs(chosen: Any) -> set[Any]:
     """The run folders that are there where a verb begins one, or its diagnosis."""
     if isinstance(chosen, Diagnose):
-        return {file for file in [chosen.out / "diagnosis.json"] if file.exists()}
+        file = chosen.out / "diagnosis.json"
+        return {file.stat().st_mtime_ns} if file.exists() else set()
     if not isinstance(chosen, Run) or chosen.resume:
         return set()
     return {file.parent for file in chosen.out.glob("*/environment.json")}
 
 
-def _kept(chosen: Any, before: set[Path]) -> str:
+def _kept(chosen: Any, before: set[Any]) -> str:
     """Say what Ctrl-C left of a verb's work and how to go on.
 
     Args:
@@ -118,7 +118,9 @@ def _kept(chosen: Any, before: set[Path]) -> str:
         if isinstance(chosen, Collect) and chosen.motion is not None:
             return f"its frames are in {chosen.out.with_suffix('')}"
         return "the same command goes on after the walks that are there"
-    if isinstance(chosen, Diagnose) and before:
+    if isinstance(chosen, Diagnose) and (before or _runs(chosen)):
+        if _runs(chosen) - before:
+            return f"{chosen.out} has the new diagnosis, all but its report"
         if not _runs(chosen):
             return f"the earlier diagnosis in {chosen.out} was being replaced"
         return f"{chosen.out} keeps the earlier diagnosis"

@@ -40,10 +40,10 @@ def _cases(verb: BenchDiagnose) -> list[Case]:
     """The cases that the command line means."""
     folder = verb.folder
     if folder is not None:
-        if verb.causes:
-            raise ValueError(
-                "--causes chooses what is made; leave it out with --folder"
-            )
+        usual = verb.least_visibility == BenchDiagnose.least_visibility
+        if verb.causes or not usual:
+            flag = "--causes" if verb.causes else "--least-visibility"
+            raise ValueError(f"{flag} chooses what is made; leave it out with --folder")
         return read_cases(folder, verb.kinds, verb.robots)[: verb.cases]
     folder, count = verb.out / "set", CASES if verb.cases is None else verb.cases
     wanted = {

@@ -21,7 +21,7 @@ from gatjax.cli.found import (
 )
 from gatjax.cli.progress import shown
 from gatjax.data import checks, sampling
-from gatjax.data.mapping import ColumnMap, read_map
+from gatjax.data.mapping import JOINT_FAMILIES, ColumnMap, read_map
 from gatjax.data.recording import (
     Recording,
     check_one_unit,
@@ -122,7 +122,7 @@ def _checked(
     logs, before = [], []
     base = "floating" if floats(model) else "fixed"
     for path in paths:
-        log = read_recording(path, mapping)
+        log, beside = _driven(read_recording(path, mapping), model)
         check_commands(model, log)
         check_recording(log, list(ranges))
         check_logged(log, robot_model.joint_names(model))
@@ -133,10 +133,27 @@ def _checked(
                 f"give the model of the robot as it was logged"
             )
         log, short = sampling.lasting(log)
-        before.append([*short, *check_ranges(model, log)])
+        before.append([*beside, *short, *check_ranges(model, log)])
         logs.append(log)
     found = checks.trusted(logs, ranges, role)
     return logs, [[*a, *b] for a, b in zip(before, found, strict=True)]
+
+
+def _driven(
+    log: Recording, model: mujoco.MjModel
+) -> tuple[Recording, list[checks.Finding]]:
+    """A recording without the encoders of joints that nothing drives, as a tied one."""
+    own = [model.joint(k).name for k in range(model.njnt)]
+    free = set(own) - set(robot_model.joint_names(model))
+    free = {joint for joint in free if f"command.{joint}" not in log.columns}
+    kept = {name: values for name, values in log.columns.items()
+            if name.partition(".")[2] not in free
+            or name.partition(".")[0] not in JOINT_FAMILIES}  # fmt: skip
+    gone = [name for name in log.columns if name not in kept]
+    if not gone:
+        return log, []
+    text = f"{log.name}: {', '.join(gone)} not used: no actuator of the model is there"
+    return log._replace(columns=kept), [checks.Finding("info", "undriven", text, {})]
 
 
 def _check_files(verb: Diagnose, start: Sequence[Path]) -> None:

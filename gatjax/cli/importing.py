@@ -63,7 +63,7 @@ def bring(verb: Import) -> None:
 
 
 def _check_spared(verb: Import) -> None:
-    """Refuse an output that would replace a log or the map."""
+    """Refuse an output that would replace a log, a file of one, or the map."""
     beside = [".png"]
     beside += [".json"] if check_ending(verb.out) == ".csv" else []
     beside += [".map.yaml"] if verb.map is None else []
@@ -72,6 +72,13 @@ def _check_spared(verb: Import) -> None:
     for file in [*verb.logs, *([verb.map] if verb.map else [])]:
         if file.resolve() in taken:
             raise ValueError(f"{file} would be written over; choose another --out")
+        if file.is_dir():
+            inside = [w for w in taken if w.exists() and file.resolve() in w.parents]
+            if inside:
+                raise ValueError(
+                    f"{inside[0]} is a file of {file} and would be written over; "
+                    f"choose another --out"
+                )
 
 
 def _read(verb: Import, given: ColumnMap | None) -> Recording:

@@ -32,6 +32,7 @@ from gatjax.data.recording import read_recording
 from gatjax.hardware.deploy import Asked
 from gatjax.hardware.deploy import deploy as deployed
 from gatjax.hardware.links import is_hardware
+from gatjax.hardware.robot import Hardware
 from gatjax.hardware.terminal import Terminal
 from gatjax.hosts import address_of, serve
 from gatjax.loop.setting import ORACLE
@@ -70,7 +71,9 @@ def run(verb: verbs.Run) -> None:
     else:
         settings = loop.resolved(verb.loop)
         check_searchable(settings)
-        robot_named(settings.robot, settings.body_seed, verb.out)  # before its folder
+        robot = robot_named(settings.robot, settings.body_seed, verb.out)
+        if isinstance(robot, Hardware):  # before there is a folder
+            robot.check_rate(settings.rate_hz)
         device = str(jax.devices()[0])
         folder = runs.open_run(verb.out, settings, device=device).path
     print(f"run folder {folder}", flush=True)
@@ -229,9 +232,8 @@ def view(verb: verbs.View) -> None:
     if not verb.live and verb.out.suffix not in (".html", ".mp4"):
         raise ValueError(f"--out {verb.out}: a walk ends in .html or .mp4")
     task = task_at(verb.rate_hz)
-    robot = robot_of(
-        verb.robot, verb.body_seed, verb.world, task, verb.out.parent, walker_of
-    )
+    kept = verb.out.with_suffix("")
+    robot = robot_of(verb.robot, verb.body_seed, verb.world, task, kept, walker_of)
     theta = policy_of(verb.policy)
     if not verb.live:
         if verb.out.suffix == ".mp4":

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from gatjax.diagnosis import quantum
+from gatjax.diagnosis import quantum, ripple
 from gatjax.diagnosis.aliases import LOGGED, UPSIDE_DOWN
 from gatjax.diagnosis.coordinates import (
+    AMPLITUDES,
     LESS,
     add_terms,
     armature_of,
@@ -193,6 +194,15 @@ def _steps(joint: Joint, residual: np.ndarray) -> Starts:
     return tuple((float(np.log(step)),) for step in quantum.steps(joint, residual))
 
 
+def _rates(joint: Joint, residual: np.ndarray) -> Starts:
+    """Rates along the angle that a residual tells of, a pair of amplitudes each."""
+    return tuple(
+        (*pair, float(np.log(rate)))
+        for rate in ripple.rates(joint, residual)
+        for pair in AMPLITUDES
+    )
+
+
 def _spring() -> Hypothesis:
     def put(drive: Numbers, joint: Joint, x: np.ndarray) -> None:
         drive["spring"] = gain_of(joint) * float(x[0])
@@ -272,7 +282,9 @@ CAUSES: tuple[Hypothesis, ...] = (
         step=0.004,
     )._replace(guess=_steps, rung=0.001),
     *(geared(_SPRING, *side) for side in _SIDES),
-    wave("torque_ripple", "", ("ripple", "ripple_phase", "cycles"), _CYCLES),
+    wave("torque_ripple", "", ("ripple", "ripple_phase", "cycles"), _CYCLES)._replace(
+        guess=_rates
+    ),
     signed(
         "asymmetric_friction", "", "asymmetric", "torque", 0.12, 1.0, limit_of
     )._replace(linear=False),  # what rubs in one direction is not the other's opposite
@@ -292,7 +304,8 @@ CAUSES: tuple[Hypothesis, ...] = (
     _payload(),
     _shift(),
     positive(
-        "armature", "inertia", "armature", 0.1, 40.0, (0.5, 1.5, 5.0), armature_of, True
+        "armature", "inertia", "armature", 0.1, 200.0, (0.5, 1.5, 5.0, 25.0),
+        armature_of, True,
     ),
     _tilt(),
     _tilt(UPSIDE_DOWN),

@@ -29,6 +29,9 @@ def limit_of(joint: Joint) -> float:
     return min(joint.nominal["limit"], most)
 
 
+TRACE = 0.05  # the unit of what a model has none of
+
+
 def gain_of(joint: Joint) -> float:
     """Stiffness of the servo, N m/rad; without one, the limit per tenth of a turn."""
     if joint.servoed:
@@ -37,13 +40,15 @@ def gain_of(joint: Joint) -> float:
 
 
 def resistance_of(joint: Joint) -> float:
-    """Damping of joint and servo, N m s/rad, not 0."""
-    return joint.nominal["damping"] + joint.nominal["kv"] + 1e-3
+    """Damping of joint and servo, N m s/rad, or a trace of the critical one."""
+    known = joint.nominal["damping"] + joint.nominal["kv"] + 1e-3
+    inertia = joint.inertia + joint.nominal["armature"]
+    return max(known, TRACE * float(np.sqrt(gain_of(joint) * inertia)))
 
 
 def armature_of(joint: Joint) -> float:
-    """Nominal armature, kg m^2, not 0."""
-    return joint.nominal["armature"] + 1e-4
+    """Nominal armature, kg m^2, or a trace of what it moves."""
+    return max(joint.nominal["armature"] + 1e-4, TRACE * joint.inertia)
 
 
 def positive(
@@ -212,6 +217,9 @@ def vector(
     )  # fmt: skip
 
 
+AMPLITUDES = ((0.03, 0.0), (0.0, 0.03))  # of sine and cosine, that starts try
+
+
 def wave(
     cause: str, variant: str, fields: tuple[str, str, str], rates: Sequence[float]
 ) -> Hypothesis:
@@ -230,8 +238,7 @@ def wave(
             "phase": float(np.arctan2(x[1], x[0]) % (2.0 * np.pi)),
         }
 
-    pairs = ((0.03, 0.0), (0.0, 0.03))
-    starts = tuple((a, b, float(np.log(r))) for r in rates for a, b in pairs)
+    starts = tuple((*pair, float(np.log(r))) for r in rates for pair in AMPLITUDES)
     low, high = np.log(rates[0]) - 0.2, np.log(rates[-1]) + 0.2
     return Hypothesis(
         cause, variant, put, starts, (0.003, 0.003, 0.002), (-1.0, -1.0, low),

@@ -13,6 +13,7 @@ from gatjax.diagnosis.tolerances import USUAL, Tolerances
 STEP = 1e-3  # s, of the single-joint simulation
 GRAVITY = ("gravity_x", "gravity_y", "gravity_z")  # in `nominal`, m/s^2
 GEARS = frozenset({"backlash", "joint_elasticity"})
+SPARSE = 50  # steps of the simulation: loads are slow
 PULLS = (10.0, 30.0)  # 1/s, how fast a servo's joint is drawn to it, in angle alone
 BOUNCING = 60.0  # 1/s, of one with a gap: slower, chance says where teeth meet
 OBSERVED = 10.0  # 1/s, how fast a joint without a servo is drawn to its measured motion
@@ -78,6 +79,11 @@ class Joint(NamedTuple):
         limit = self.nominal["limit"] if self.limited else 0.0
         given = (*(self.nominal[name] for name in names), limit)
         return self.assumed.motor or given
+
+    @property
+    def inertia(self) -> float:
+        """Of what it moves, kg m^2, the mean over its motion; without the armature."""
+        return float(np.mean(self.grid.inertia[::SPARSE]))
 
     @property
     def fastest(self) -> float:

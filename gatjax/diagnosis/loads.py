@@ -20,7 +20,7 @@ import numpy as np
 from gatjax.diagnosis.motion import Motion
 from gatjax.diagnosis.regressor import Swing, carried, inertials, shifts
 from gatjax.diagnosis.tolerances import Tolerances
-from gatjax.sim.episode import ties
+from gatjax.sim.tied import ties
 
 DRAWS = 40  # perturbed bodies
 TERMS = 4  # load shapes that body tolerances may add

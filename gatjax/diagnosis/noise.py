@@ -8,8 +8,8 @@ from gatjax.data.trajectories import JointRun
 
 SPREAD = np.sqrt(20.0)  # of third differences of white noise, in its deviations
 SIXTH = np.sqrt(924.0)  # of sixth ones
-SLOW = 1.0 / 45.0  # s from row to row: of more rows motion leaks into neither
-LEAKS = 0.7  # share that sixth ones find where motion leaks into third ones
+SLOW = 1.0 / 55.0  # s from row to row: of more rows motion leaks into neither
+LEAKS = 0.9  # share that sixth ones find where motion leaks into third ones
 WHITE = 0.25  # correlation of third differences that reading noise does not reach
 CHANCE = 5.0  # deviations: nor this, of few rows
 APART = 4  # rows: third differences of white noise are uncorrelated from here on

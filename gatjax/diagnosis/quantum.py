@@ -11,9 +11,9 @@ import numpy as np
 from scipy import fft
 
 from gatjax.diagnosis.joint import STEP, Joint
+from gatjax.diagnosis.servo import MEMORY, answer
 
 LEAST, MOST, COUNT = 0.003, 0.3, 6000  # rad; steps that are tried
-MEMORY = 0.35  # s that the answer to one tick lasts
 TOGETHER = 250  # steps that are weighed in one go
 CHOSEN = 3
 APART = 0.005  # relative distance of the chosen ones
@@ -31,13 +31,13 @@ def steps(joint: Joint, residual: np.ndarray) -> list[float]:
         at = joint.lead + np.ceil(time / STEP + 1e-6).astype(int)
         series = joint.grid.target[:, run]
         command = series[np.minimum(at, len(series) - 1)]
-        kernel = _answer(joint, float(np.median(np.diff(time))))
+        kernel = _tick(joint, float(np.median(np.diff(time))))
         size = fft.next_fast_len(rows + len(kernel), real=True)
-        answer = np.asarray(fft.rfft(kernel.astype(np.float32), size))
+        passed = np.asarray(fft.rfft(kernel.astype(np.float32), size))
         for part in range(0, COUNT, TOGETHER):  # whole, it would be GB for a long log
             some = ladder[part : part + TOGETHER, None]
             rounded = np.round(command / some) * some - command
-            moved = fft.irfft(np.asarray(fft.rfft(rounded, size)) * answer, size)
+            moved = fft.irfft(np.asarray(fft.rfft(rounded, size)) * passed, size)
             rest = residual[first : first + rows] - np.asarray(moved)[:, :rows]
             left[part : part + TOGETHER] += np.square(rest).sum(1)
         first += rows
@@ -50,19 +50,9 @@ def steps(joint: Joint, residual: np.ndarray) -> list[float]:
     return chosen
 
 
-def _answer(joint: Joint, period: float) -> np.ndarray:
+def _tick(joint: Joint, period: float) -> np.ndarray:
     """What one tick of 1 rad does to a linear servo, at the next ticks, rad."""
-    drive = joint.nominal
-    inertia = float(np.mean(joint.grid.inertia)) + drive["armature"]
-    resist = drive["kv"] + drive["damping"]
-    pull, steer = drive.get("pull", 0.0), drive.get("steer", 0.0)
-    h, q, v, out = STEP, 0.0, 0.0, []
-    for k in range(round(MEMORY / h)):
-        pulse = drive["delay"] <= k * h < drive["delay"] + period
-        force = drive["kp"] * (pulse - q)
-        v = (inertia * v + h * force) / (inertia + h * (resist + h * drive["kp"]))
-        off = q
-        q += h * (v - pull * off)
-        v -= h * steer * off
-        out.append(q)
-    return np.interp(np.arange(0.0, MEMORY, period), np.arange(len(out)) * h, out)
+    time = STEP * np.arange(round(MEMORY / STEP))
+    late = joint.nominal["delay"]
+    force = joint.nominal["kp"] * ((late <= time) & (time < late + period))
+    return np.interp(np.arange(0.0, MEMORY, period), time, answer(joint, force))

@@ -14,8 +14,8 @@ from gatjax.data.recording import Recording
 from gatjax.data.trajectories import JointRun
 from gatjax.effects.ground import touching
 from gatjax.robot import model as robot_model
-from gatjax.sim.episode import ties
 from gatjax.sim.limbs import floats
+from gatjax.sim.tied import ties
 
 LOST = 100.0  # rad, no servo joint turns that far
 MOVING = 0.05  # rad of a command that a joint has to follow
@@ -187,8 +187,9 @@ def check_replay(
 
 def cautions(model: mujoco.MjModel) -> Iterator[str]:
     """What a user should know of a model that can be diagnosed, a line each."""
-    followers, _, _ = ties(model)
-    driven = {*model.actuator_trnid[:, 0], *followers}
+    driven = {*model.actuator_trnid[:, 0]}
+    followers, leaders, _ = ties(model)
+    driven |= {*followers[np.isin(leaders, list(driven))]}
     free = [
         model.joint(k).name or f"number {k}"
         for k in range(model.njnt)

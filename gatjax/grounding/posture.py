@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from gatjax.data.recording import Recording
 from gatjax.effects.ground import touching
-from gatjax.sim.episode import coupled
+from gatjax.sim.tied import coupled
 
 Array = Any
 LEVEL = 1.0  # s in which the soles' normal replaces what the gyro says

@@ -101,9 +101,7 @@ class Log:
             return
         try:
             for file, told in zip(self._files, lines):
-                left = memoryview("".join(told).encode())
-                while left:  # a file without a buffer may take a part only
-                    left = left[file.write(left) :]
+                _append(file, "".join(told).encode())
                 if sync:
                     os.fsync(file.fileno())
         except OSError as error:
@@ -117,6 +115,21 @@ class Log:
         self._write(True)
         for file in self._files:
             file.close()
+
+
+def _append(file: Any, lines: bytes) -> None:
+    """Write lines to the end of a file without a buffer, all of them or none.
+
+    Raises:
+        OSError: none; half a line would make those before it unreadable.
+    """
+    begun, left = file.tell(), memoryview(lines)
+    try:
+        while left:  # such a file may take a part only
+            left = left[file.write(left) :]
+    except OSError:
+        file.truncate(begun)
+        raise
 
 
 def _number(path: Path) -> int:

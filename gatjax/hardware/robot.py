@@ -76,7 +76,7 @@ class Hardware:
             KeyboardInterrupt: Ctrl-C; the robot is safe.
             Lost: the robot is gone.
         """
-        self._check_rate(1.0 / task.control_period)
+        self.check_rate(1.0 / task.control_period)
         orders = self._orders(policies, seeds, task)
         walks = [kept(self.folder, order) for order in orders]
         there = sum(walk is not None for walk in walks)
@@ -152,7 +152,7 @@ class Hardware:
         Raises:
             ValueError, Stopped, KeyboardInterrupt, Lost: see `walk`.
         """
-        self._check_rate(rate_hz)
+        self.check_rate(rate_hz)
         runs = []
         with self._session() as session:
             for number, target in enumerate(targets):
@@ -171,7 +171,12 @@ class Hardware:
             raise KeyboardInterrupt
         self.attendant.say(what)
 
-    def _check_rate(self, rate_hz: float) -> None:
+    def check_rate(self, rate_hz: float) -> None:
+        """Refuse a control rate that is not the robot's.
+
+        Raises:
+            ValueError: one line: the rate to use.
+        """
         ours = 1.0 / self.period
         if abs(rate_hz - ours) > 0.1:
             raise ValueError(

@@ -55,6 +55,8 @@ def cards(summary: Summary) -> str:
             words.append(evidence(method))
         if method.falls is not None:
             words.append(f"{percent(method.falls.share.mean)} falls in the search")
+        if method.best is None:
+            words.insert(0, evidence(method))
         boxes.append(_card(method.name, speed(method), ", ".join(words)))
     return f'<div class="cards">{"".join(boxes)}</div>' if boxes else ""
 
@@ -62,7 +64,7 @@ def cards(summary: Summary) -> str:
 def _card(method: str, velocity: float, words: str) -> str:
     value = f"{number(velocity)} <small>cm/s</small>"
     if not math.isfinite(velocity):
-        value = "<small>no walk without a fall</small>"
+        value = DASH
     name = escape(label_of(method))
     return (
         f"<div {mark(method)}><span>{name}</span><b>{value}</b>"
@@ -170,7 +172,7 @@ def _method_row(method: Method, fastest: bool) -> str:
 def _speed_cell(method: Method) -> str:
     best = method.best
     if best is None:
-        why = "no walk without a fall" if method.evaluated else "not evaluated"
+        why = evidence(method) if method.evaluated else "not evaluated"
         return f"{DASH}<small>{why}</small>"
     if best.velocity is None:
         return f"{DASH}<small>every walk fell</small>"
@@ -194,7 +196,11 @@ def animation(walks: list[Walk]) -> str:
     """The first and the best walk side by side; one alone if there is no other."""
     title = "The walk" if len(walks) == 1 else "The first and the best walk"
     if not walks:
-        return section(title, "<p>No walk was recorded for the animation.</p>")
+        return section(
+            title,
+            "<p>No walk to show: none was kept, or nobody saw where the robot was, "
+            "which takes motion capture.</p>",
+        )
     data = json.dumps(pack_walks(walks), allow_nan=False).replace("<", "\\u003c")
     intro = (
         "<p class=note>Drag to turn the view, double-click to reset it. The number is "

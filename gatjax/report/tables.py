@@ -113,6 +113,11 @@ class Method(NamedTuple):
         return bool(self.candidates) or self.best is not None
 
     @property
+    def which(self) -> str:
+        """Which of its candidates count, in words after what is said of them."""
+        return "" if self.falls is None else " after the first generation"
+
+    @property
     def confirmed(self) -> bool:
         """Whether its best walk was walked again with fresh seeds."""
         return self.best is not None and self.best.candidate == CHOSEN

@@ -53,7 +53,9 @@ def fastest_clause(summary: Summary) -> str:
     """Name the fastest method that never fell and its gain over theta0."""
     ranked = summary.ranked
     if not ranked:
-        return "no learned walk got through its walks on the robot without a fall"
+        which = max(method.which for method in summary.methods)
+        walks = f"no learned walk{which} got through its walks on the robot"
+        return f"{walks} without a fall"
     first = ranked[0]
     what = "the fastest walk on the robot without a fall"
     if not first.stands:
@@ -76,7 +78,7 @@ def evidence(method: Method) -> str:
     """Say on which walks the numbers of a method rest."""
     best = method.best
     if best is None:
-        return "no walk without a fall"
+        return f"no walk without a fall{method.which}"
     if method.confirmed:
         return f"{best.falls} of {best.rollouts} confirmation walks fell"
     return f"not confirmed: picked by the same {best.rollouts} walks"
@@ -168,7 +170,7 @@ def failure_words(method: Method) -> str:
     """Why a method does not stand."""
     best = method.best
     if best is None:
-        return f"every candidate of {method.label} fell at least once"
+        return f"every candidate of {method.label}{method.which} fell at least once"
     return f"the winner of {method.label} fell in {best.falls} of {best.rollouts} walks"
 
 

@@ -36,6 +36,10 @@ class Walk(NamedTuple):
     fell: bool = False  # its end is a fall
 
 
+class Unseen(ValueError):
+    """A walk of a robot without motion capture: there is nothing to draw."""
+
+
 def read_walks(folder: Path, problems: list[str]) -> dict[str, Walk]:
     """Read every walk of a run by name; those that cannot be read become problems."""
     paths = sorted((folder / "walks").glob("*.npz"))
@@ -45,6 +49,8 @@ def read_walks(folder: Path, problems: list[str]) -> dict[str, Walk]:
     for path in paths:
         try:
             walks[path.stem] = read_walk(path)
+        except Unseen:
+            continue
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
             problems.append(f"walks/{path.name} cannot be shown: {error}")
     return walks
@@ -72,7 +78,8 @@ def read_walk(path: Path) -> Walk:
     """Read one walk, up to its first frame that is not finite.
 
     Raises:
-        ValueError: a wrong shape, an unknown body or no finite frame.
+        Unseen: no finite frame.
+        ValueError: a wrong shape, or an unknown body.
         KeyError: an array is missing.
     """
     with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
@@ -96,7 +103,7 @@ def read_walk(path: Path) -> Walk:
     finite = np.isfinite(position).all((1, 2)) & np.isfinite(quaternion).all((1, 2))
     length = len(time) if finite.all() else int(np.argmin(finite))
     if length == 0:
-        raise ValueError("no frame is finite")
+        raise Unseen("nobody saw where the robot was")
     used, body = np.unique(body, return_inverse=True)
     return Walk(
         path.stem,

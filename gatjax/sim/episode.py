@@ -21,6 +21,7 @@ from gatjax.records import (
 )
 from gatjax.robot import nao
 from gatjax.robot.model import Slots, joint_names
+from gatjax.sim.tied import coupled
 from gatjax.sim.world import Values, World
 from gatjax.walk.parameters import unpack
 
@@ -117,56 +118,6 @@ def placed(model: Any, slots: Slots, drawn: Draw) -> tuple[Array, Array]:
     follower, follows = coupled(model, qpos)
     qvel = jnp.zeros(model.nv, dtype).at[:2].set(drawn.push).at[3:6].set(drawn.spin)
     return qpos.at[follower].set(follows), qvel
-
-
-def ties(model: Any) -> tuple[Any, Any, Any]:
-    """Joints that follow another: ids of followers and leaders, polynomials [E, 5].
-
-    follower - its qpos0 = polynomial(leader - its qpos0), MuJoCo's joint equality. Of a
-    line either may be written first: who is driven alone leads.
-    """
-    tied = (model.eq_type == 2) & (model.eq_obj2id >= 0) & model.eq_active0.astype(bool)
-    first, second = model.eq_obj1id[tied], model.eq_obj2id[tied]
-    one, other = (np.isin(ids, model.actuator_trnid[:, 0]) for ids in (first, second))
-    data = model.eq_data[tied, :5]
-    if not (one & ~other).any():
-        return first, second, data
-    data = np.array(data)
-    back = one & ~other & (data[:, 1] != 0.0) & ~data[:, 2:].any(axis=1)
-    data[back, :2] = (
-        np.stack([-data[back, 0], np.ones(back.sum())], 1) / data[back, 1:2]
-    )
-    return np.where(back, second, first), np.where(back, first, second), data
-
-
-def coupled(model: Any, qpos: Array) -> tuple[Any, Array]:
-    """Places in qpos of joints that follow another, and their positions.
-
-    Args:
-        model: of the robot.
-        qpos: [..., nq], the leaders in place.
-
-    Returns:
-        Indices [E] and positions [..., E] of the followers, rad.
-    """
-    followers, leaders, polynomials = ties(model)
-    addresses = model.jnt_qposadr[followers], model.jnt_qposadr[leaders]
-    turned = qpos[..., addresses[1]] - model.qpos0[addresses[1]]
-    position = model.qpos0[addresses[0]] + 0.0 * turned
-    for power in range(5):
-        if polynomials[:, power].any():
-            position = position + polynomials[:, power] * turned**power
-    return addresses[0], position
-
-
-def coupled_speed(model: Any, qpos: Array, qvel: Array) -> tuple[Any, Array]:
-    """Places in qvel of joints that follow another, and their speeds [..., E] rad/s."""
-    followers, leaders, polynomials = ties(model)
-    addresses = model.jnt_qposadr[leaders]
-    turned = qpos[..., addresses] - model.qpos0[addresses]
-    powers = turned[..., None] ** np.arange(4) * np.arange(1, 5)
-    slope = (polynomials[:, 1:] * powers).sum(-1)
-    return model.jnt_dofadr[followers], slope * qvel[..., model.jnt_dofadr[leaders]]
 
 
 def open_loop(

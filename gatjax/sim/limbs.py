@@ -11,7 +11,7 @@ from gatjax.motions import Limbs
 from gatjax.records import JOINTS
 from gatjax.robot import nao
 from gatjax.robot.model import command_range, joint_names, servoed, slots
-from gatjax.sim.episode import coupled, coupled_speed
+from gatjax.sim.tied import coupled, coupled_speed
 from gatjax.walk.parameters import THETA0
 
 TIMES, LONGEST = 7.0, 5.0  # time constants until a joint is at rest; s, at most

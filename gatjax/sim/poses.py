@@ -12,7 +12,7 @@ import numpy as np
 from gatjax.records import Trajectory
 from gatjax.robot.model import slots as find_slots
 from gatjax.runs import write_whole
-from gatjax.sim.episode import coupled
+from gatjax.sim.tied import coupled
 
 Array = Any
 

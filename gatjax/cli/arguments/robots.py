@@ -93,7 +93,8 @@ class View:
     policy: Path | None = None
     """Policy JSON file; theta0 if left out."""
     robot: str = "simulator"
-    """simulator, dart, stiff, or a robot behind a link (see gatjax collect)."""
+    """simulator, dart, stiff, or a robot behind a link (see gatjax collect): that one's
+    walk stays in a folder named as `out`, and the same command shows it again."""
     world: Path | None = None
     """world.json, for --robot simulator."""
     live: bool = False

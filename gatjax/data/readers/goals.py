@@ -14,7 +14,8 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 FAR = 0.02  # s between points: less is a stream of commands already
-STEP = 0.01  # s
+STEP = 0.001  # s, of the path: rows hold it until the next one
+SPAN = 0.01  # s that tell the speed of a path
 
 
 class Goal(NamedTuple):
@@ -121,7 +122,7 @@ def _joined(before: Path, goal: Goal, begun: np.ndarray) -> Goal:
 
     Joints without commands until then, as they were measured, begin at `begun` [J].
     """
-    at = np.array([goal.begin - STEP, goal.begin])
+    at = np.array([goal.begin - SPAN, goal.begin])
     place = _places(before, at)
     fresh = ~np.isfinite(place).all(0)
     place[:, fresh] = begun[fresh]
@@ -130,7 +131,7 @@ def _joined(before: Path, goal: Goal, begun: np.ndarray) -> Goal:
     speed = goal.velocity
     if speed is not None:
         still = goal.begin >= before.time[-1]
-        now = (place[1:] - place[:1]) * (0.0 if still else 1.0 / STEP)
+        now = (place[1:] - place[:1]) * (0.0 if still else 1.0 / SPAN)
         speed = np.concatenate([np.nan_to_num(now), speed])
     return Goal(
         goal.joints,

@@ -47,6 +47,7 @@ class Collector:
         self.unknown: dict[str, int] = {}
         self.behind: dict[str, float] = {}  # s, least from header's stamp to log's
         self.bare: set[str] = set()  # groups whose messages have no stamp
+        self.early: dict[str, int] = {}  # of those, before a group's first stamp
         self.uneven: set[str] = set()  # groups of arrays that differ in length
         self.joined: set[str] = set()  # groups of paths with points far apart
 
@@ -137,6 +138,8 @@ class Collector:
             self.behind[group] = late
         else:
             self.bare.add(group)
+            if group not in self.behind:
+                self.early[group] = self.early.get(group, 0) + 1
 
     def clocks(self, path: Path) -> tuple[dict[str, float], list[str]]:
         """What to add to the stamps of each group, s, so that all are of one clock."""
@@ -157,9 +160,23 @@ class Collector:
                 )
         return moves, list(dict.fromkeys(notes))
 
+    def _begun(self, path: Path) -> tuple[dict[str, int], list[str]]:
+        """Samples of groups from before their clock ran, which are left out."""
+        begun = {
+            group: count for group, count in self.early.items()
+            if group in self.behind and self.kinds[group] != TRAJECTORY
+        }  # fmt: skip
+        self.bare -= begun.keys()
+        return begun, [
+            f"{path}: {group}: {count} messages before the first with a stamp left out"
+            for group, count in begun.items()
+        ]
+
     def run(self, path: Path) -> tuple[Run, dict[str, str], list[str]]:
         """All signals from the first stamp on, s; their types; what was done."""
+        begun, early = self._begun(path)
         moves, notes = self.clocks(path)
+        notes += early
         for topic in self.goals:
             self._follow(topic, moves)
         notes += [
@@ -174,7 +191,8 @@ class Collector:
         out: Run = {}
         kinds: dict[str, str] = {}
         used = {
-            group: {name: each.whole() for name, each in series.items()}
+            group: {name: each.whole()[begun.get(group, 0) :]
+                    for name, each in series.items()}
             for group, series in self.series.items() if group not in self.uneven
         }  # fmt: skip
         for group in [g for g, series in used.items() if not len(series[TIME])]:
@@ -186,13 +204,22 @@ class Collector:
             late = min(begins) - moves.get(group, 0.0)
             clock = mapped(partial(np.add, -late), series.pop(TIME))
             for name, values in series.items():
-                stream = Stream(clock, values)
-                if not np.isfinite(stream.values).any():
+                stream = _finite(Stream(clock, values))
+                lost = len(values) - len(stream.values)
+                if lost == len(values):
                     notes.append(f"{path}: {name} left out, none of it is a number")
                     continue
+                if lost:
+                    notes.append(f"{path}: {name}: {lost} samples left out, no numbers")
                 kinds[name] = self.kinds[group]
                 out[name] = _merged(out[name], stream) if name in out else stream
         return out, kinds, notes
+
+
+def _finite(stream: Stream) -> Stream:
+    """The samples of a signal that are numbers."""
+    known = np.isfinite(stream.values)
+    return stream if known.all() else Stream(stream.time[known], stream.values[known])
 
 
 def _merged(one: Stream, other: Stream) -> Stream:

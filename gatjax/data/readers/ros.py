@@ -74,20 +74,33 @@ def draft(kinds: dict[str, str]) -> tuple[dict[str, dict[str, Any]], list[str]]:
         kinds: type of message of each signal.
     """
     out: dict[str, dict[str, Any]] = {}
+    twice: dict[tuple[str, str], list[str]] = {}
     plain = {"velocity": "velocity", "effort": "torque"}
     joints: list[str] = []
+
+    def put(column: str, name: str) -> None:
+        """The first one of a column counts."""
+        first = out.setdefault(column, {"from": name})["from"]
+        if first != name:
+            topics = _parts(first)[0], _parts(name)[0]
+            twice.setdefault(topics, []).append(column)
+
     for name, kind in kinds.items():
         topic, field, joint = _parts(name)
         commanding = kind == TRAJECTORY or _commanding(topic)
         if field == "position":
             family = "command" if commanding else "position"
-            out.setdefault(f"{family}.{joint}", {"from": name})
+            put(f"{family}.{joint}", name)
             joints += [] if commanding or joint in joints else [joint]
         elif field in plain and not commanding:
-            out.setdefault(f"{plain[field]}.{joint}", {"from": name})
+            put(f"{plain[field]}.{joint}", name)
         elif field in ("gyro", "accelerometer"):
-            out.setdefault(f"{field}.{joint}", {"from": name})
-    notes = []
+            put(f"{field}.{joint}", name)
+    notes = [
+        f"{other} has {', '.join(columns)} as well; taken from {first}, which came "
+        f"first: correct the map if that is the wrong one"
+        for (first, other), columns in twice.items()
+    ]
     numbers: dict[str, list[str]] = {}
     for name, kind in kinds.items():
         if kind == ARRAY:
