@@ -12,7 +12,7 @@ from gatjax.records import JOINTS
 from gatjax.robot.nao import LEG_PITCH, WALKING_JOINTS, motor_of
 from gatjax.sim.backend import prepare
 from gatjax.sim.world import add_cause, nominal
-from gatjax.task import Task
+from gatjax.task import Task, task_at
 from gatjax.walk.parameters import THETA0
 
 TASK, SEED, COUNT = Task(duration=2.5), 4, 5
@@ -30,6 +30,33 @@ def walks():
 @pytest.fixture(scope="module")
 def found(walks):
     return bounded(nominal(TASK), walks, SEED)
+
+
+@pytest.mark.parametrize(("cause", "where", "values", "rate"), [
+    ("measurement_delay", ["all"], {"delay": 0.03}, 50.0),
+    ("measurement_delay", ["LKneePitch", "RHipPitch"], {"delay": 0.01}, 50.0),
+    ("command_delay", ["all"], {"delay": 0.08}, 100.0),
+])  # fmt: skip
+def test_a_world_predicts_its_own_walks(cause, where, values, rate):
+    """What was before the first sample that is known has to be told of late ones."""
+    task = task_at(rate, duration=2.5)
+    ideal = nominal(task)
+    world = add_cause(ideal, cause, where, values)
+    robot = Simulator(world)
+    trajectory, _ = robot.walk(np.tile(THETA0, (3, 1)), range(3), task)
+    log = to_recording(trajectory, robot.name, rate, {})
+    soon = []
+    for own in (world, ideal):
+        windows = prediction.cut(own, log, np.unique(log.trajectory), 24, SEED)
+        backend, step = prepare(own, "native"), task.control_period
+        found = prediction.errors(backend, own.values, windows, step)
+        first = [found[joint, round(step, 6)] for joint in WALKING_JOINTS]
+        soon.append(
+            (max(first), prediction.error_soon(backend, own.values, windows, step))
+        )
+    (one, ahead), (_, worse) = soon
+    assert ahead < 0.3 * worse
+    assert np.rad2deg(one) < 0.4 and np.rad2deg(ahead) < 0.1
 
 
 def limits(world):

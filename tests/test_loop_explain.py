@@ -7,6 +7,7 @@ import shutil
 from concurrent.futures.process import BrokenProcessPool
 from typing import ClassVar
 
+import jax
 import numpy as np
 import pytest
 from short_walks import SHORT
@@ -16,7 +17,7 @@ from gatjax.data.recording import read_recording
 from gatjax.diagnosis.start import Start
 from gatjax.grounding import prediction
 from gatjax.grounding.learn import read_grounding, with_alpha
-from gatjax.loop import case, explain
+from gatjax.loop import case, explain, ground
 from gatjax.loop.ground import helpful
 from gatjax.loop.setting import DIAGNOSIS_UNIT, Setting
 from gatjax.robot.model import HUNG
@@ -26,6 +27,7 @@ from gatjax.sim.stored import read_world, write_world
 from gatjax.sim.walker import lasting
 from gatjax.sim.world import add_cause, nominal, with_contact
 from gatjax.task import Task
+from gatjax.walk.parameters import THETA0
 
 DELAY = 0.03  # s, what the robot has and the simulator lacks
 SETTINGS = LoopSettings(
@@ -198,14 +200,28 @@ def test_a_correction_is_taken_as_far_as_it_helps(robot, run, monkeypatch):
     world, _ = read_world(run[0] / "extended.json", SHORT)
     log = read_recording(run[0] / "recordings/robot_0.parquet")
 
-    def error(backend, values, windows, step):
+    def share(values):
         (alpha,) = {float(a) for a in np.ravel(values.command["grounding"].alpha)}
-        return abs(alpha - 0.3)
+        return alpha
+
+    def error(backend, values, windows, step):
+        return abs(share(values) - 0.3)
+
+    def fallen(backend, values, theta, keys):
+        return int(share(values) < stands - 1e-6) * len(keys)
 
     monkeypatch.setattr(prediction, "error_soon", error)
+    monkeypatch.setattr(ground, "count_falls", fallen)
     whole = with_alpha(grounding, 1.0)
-    assert helpful(world, whole, log, 0).facts["alpha"] == 0.3
-    assert helpful(world, with_alpha(whole, 0.0), log, 0).facts["alpha"] == 0.0
+    whole = whole._replace(facts=whole.facts | {"falls": 0.0})
+    rest = log, 0, THETA0, jax.random.key(0)
+    stands = 0.0
+    assert helpful(world, whole, *rest).facts["alpha"] == 0.3
+    assert helpful(world, with_alpha(whole, 0.0), *rest).facts["alpha"] == 0.0
+    stands = 0.4  # with less it falls
+    assert helpful(world, whole, *rest).facts["alpha"] == 0.4
+    stands = 2.0
+    assert helpful(world, whole, *rest).facts["alpha"] == 1.0
 
 
 def test_where_the_torso_truly_was_chooses_no_alpha(run, monkeypatch):
@@ -220,7 +236,7 @@ def test_where_the_torso_truly_was_chooses_no_alpha(run, monkeypatch):
         return cut(world, recording, *rest)
 
     monkeypatch.setattr(prediction, "cut", noted)
-    helpful(world, with_alpha(grounding, 1.0), log, 0)
+    helpful(world, with_alpha(grounding, 1.0), log, 0, THETA0, jax.random.key(0))
     assert taken and not [name for name in taken if name.startswith("base.")]
 
 

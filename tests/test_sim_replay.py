@@ -3,6 +3,7 @@
 import json
 
 import jax
+import mujoco
 import numpy as np
 import pytest
 
@@ -118,6 +119,20 @@ def test_a_neutral_cause_changes_nothing_and_a_batch_equals_one_by_one(
     np.testing.assert_allclose(angle[1], one.reading.angle[0], rtol=0, atol=1e-12)
     np.testing.assert_allclose(angle[0], other.reading.angle[0], rtol=0, atol=1e-12)
     assert np.abs(angle[1] - angle[0]).max() > 3e-3
+
+
+@pytest.mark.parametrize(("name", "values"), [
+    ("command_delay", {"delay": 0.1}), ("first_order_lag", {"time_constant": 0.1}),
+    ("speed_limit", {"limit": 0.5}), ("backlash", {"width": 0.05}),
+])  # fmt: skip
+def test_a_run_that_begins_beyond_the_range_of_its_commands(name, values, arm):
+    """MuJoCo clamps commands at once, and so does an effect that remembers them."""
+    world = add_cause(arm, name, ["a"], values)
+    far = np.where(TIME < 0.3, 3.0, 0.2) * np.ones(2)
+    for one, other in ((far, np.minimum(far, 1.0)), (-far, np.maximum(-far, -1.0))):
+        beyond, within = (play(world, commands=each).reading.angle
+                          for each in (one, other))  # fmt: skip
+        np.testing.assert_allclose(beyond, within, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("more", ["backlash", "load_friction"])
@@ -459,6 +474,32 @@ def test_ground_and_soles_change_where_they_should(floor):
     names = [model.geom(int(i)).name for i in np.flatnonzero(lifted[:, 2])]
     assert sorted(names) == ["LFootRearLeft", "LFootRearRight"]
     np.testing.assert_allclose(lifted[lifted[:, 2] != 0.0, 2], 0.002)
+
+
+@pytest.mark.parametrize("turn", [0.0, 90.0, 30.0])
+def test_a_box_wears_off_by_what_it_loses_however_it_is_turned(tmp_path, turn):
+    size, angle = np.array([0.05, 0.1, 0.01]), np.deg2rad(turn)
+    (tmp_path / "box.xml").write_text(f"""<mujoco><worldbody><geom type="plane"
+      size="1 1 1"/><body name="foot" pos="0 0 0.01"><freejoint/><geom type="box"
+      size="{" ".join(map(str, size))}" euler="0 0 {turn}"/><body pos="0 0 0.1">
+      <joint name="a" axis="0 1 0"/><geom size="0.01" contype="0" conaffinity="0"/>
+      </body></body></worldbody><actuator><position joint="a" kp="1"/></actuator>
+      </mujoco>""")
+    world = nominal(TASK, tmp_path / "box.xml")
+    worn = add_cause(world, "sole_geometry", ["foot"], {"wear": 0.002, "x": 1.0})
+    box = int(np.flatnonzero(world.model.geom_type == mujoco.mjtGeom.mjGEOM_BOX)[0])
+    axes, place = np.empty(9), worn.values.body["geom_pos"][box]
+    mujoco.mju_quat2Mat(axes, worn.values.body["geom_quat"][box])
+    corners = np.array([[x, y, -1.0] for x in (-1, 1) for y in (-1, 1)]) * size
+    lifted = (place + corners @ axes.reshape(3, 3).T)[:, 2] + size[2]
+    reach = size[:2] @ np.abs([np.cos(angle), np.sin(angle)])
+    out = corners[:, :2] @ np.array([np.cos(angle), -np.sin(angle)])
+    np.testing.assert_allclose(lifted, 0.001 * (1.0 + out / reach), atol=5e-5)
+
+
+def test_a_robot_without_an_imu_has_none_askew(arm):
+    with pytest.raises(ValueError, match="the model has no IMU"):
+        add_cause(arm, "imu_misalignment", ["imu"], {"angle": 0.1})
 
 
 def test_a_worn_sole_lets_the_robot_lean(floor):

@@ -133,7 +133,7 @@ def ground(verb: verbs.Ground) -> None:
         progress.work(1.0)
         progress.stage(f"{verb.method}: choose alpha")
         grounding = loop.stable(world, grounding, theta, key)
-        grounding = loop.helpful(world, grounding, robot, verb.seed)
+        grounding = loop.helpful(world, grounding, robot, verb.seed, theta, key)
         progress.work(1.0)
         progress.stage(f"{verb.method}: predict held-out trajectories")
         rows = loop.predictions(world, grounding, robot, verb.seed)

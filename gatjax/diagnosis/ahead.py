@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from gatjax.data.trajectories import GAP, JointRun
 from gatjax.diagnosis import chance
 from gatjax.diagnosis.measure import APART, BLOCK, Errors, back, speed, started
-from gatjax.robot.model import joint_names
+from gatjax.sim.causes import reported_late
 from gatjax.sim.native import Native
 from gatjax.sim.world import World, stiffened
 
@@ -67,7 +67,8 @@ def windowed(world: World, cut: Windows, period: float) -> np.ndarray:
     The joints start where the world's encoders report what was measured, at the time
     at which its clock says that it was. Where they report late, that is as long ago.
     """
-    warm, rate, late = warming(period), _rate(world), _late(world)
+    warm, rate = warming(period), _rate(world)
+    late = reported_late(world.model, world.causes)
     early, angle, velocity = 0, cut.angle[:, :warm], cut.velocity
     if late.any():  # and a row more, for what is read between two rows
         early = min(int(np.ceil(late.max() / period - 1e-9)) + 1, warm - 2)
@@ -85,16 +86,6 @@ def windowed(world: World, cut: Windows, period: float) -> np.ndarray:
         for noise in chance.draws(world, commands.shape)
     ]
     return np.mean(drawn, axis=0)[:, early:][:, : cut.angle.shape[1] - warm]
-
-
-def _late(world: World) -> np.ndarray:
-    """How late the log sees each joint, [J] s."""
-    names, late = joint_names(world.model), np.zeros(world.model.nu)
-    for row in world.causes:
-        if row["cause"] == "measurement_delay":
-            seen = [bool({name, "all"} & {*row["where"]}) for name in names]
-            late += np.where(seen, row["values"]["delay"], 0.0)
-    return late
 
 
 def _before(

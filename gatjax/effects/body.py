@@ -137,7 +137,7 @@ def payload(model: Any, fields: Fields, params: dict[str, Array]) -> Fields:
         point = np.array([params[axis][joint] for axis in "xyz"])
         arm = np.where(np.isnan(point), 0.0, point - centre[link])
         share = extra / (mass[link] + extra)
-        axes = _matrix(attitude[link])
+        axes = matrix(attitude[link])
         about = axes @ np.diag(inertia[link]) @ axes.T
         about += mass[link] * share * (arm @ arm * np.eye(3) - np.outer(arm, arm))
         mass[link] += extra
@@ -147,7 +147,7 @@ def payload(model: Any, fields: Fields, params: dict[str, Array]) -> Fields:
     return fields | dict(zip(names, (mass, centre, inertia, attitude), strict=True))
 
 
-def _matrix(quaternion: Array) -> np.ndarray:
+def matrix(quaternion: Array) -> np.ndarray:
     """Rotation matrix [3, 3] of a unit quaternion w x y z."""
     w, v = quaternion[0], quaternion[1:]
     cross = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from gatjax.effects.body import now
+from gatjax.effects.body import matrix, now
 
 Array = Any
 Fields = dict[str, Array]
@@ -86,7 +86,8 @@ def wear(model: Any, fields: Fields, params: dict[str, Array]) -> Fields:
         if ball(model, int(sole)):
             place[sole, 2] += lost
             continue
-        reach = np.abs(side) @ model.geom_aabb[sole, 3:5]
+        along = np.array([*side, 0.0]) @ matrix(attitude[sole])  # in the box's frame
+        reach = np.abs(along) @ model.geom_aabb[sole, 3:6]
         angle = lost / (2.0 * reach)
         turn = np.array([1.0, 0.5 * angle * side[1], -0.5 * angle * side[0], 0.0])
         attitude[sole] = _product(turn / np.linalg.norm(turn), attitude[sole])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from gatjax.data.recording import Recording
 from gatjax.data.trajectories import to_arrays
@@ -13,6 +14,7 @@ from gatjax.grounding.transitions import HISTORY
 from gatjax.records import JOINTS
 from gatjax.robot.nao import WALKING, WALKING_JOINTS
 from gatjax.sim.backend import Backend
+from gatjax.sim.causes import reported_late
 from gatjax.sim.limbs import moving
 from gatjax.sim.native import Native
 from gatjax.sim.world import World
@@ -20,7 +22,7 @@ from gatjax.sim.world import World
 Array = Any
 HORIZON = 0.5  # s
 SOON = 0.2  # s, of predictions that something is fitted to
-WARM = HISTORY + 1  # samples that fill an effect's memory
+WARM = 0.12  # s that fill an effect's memory, and HISTORY + 1 samples at least
 
 
 class Windows(NamedTuple):
@@ -28,10 +30,11 @@ class Windows(NamedTuple):
 
     command: Array  # [W, T, J] rad
     angle: Array  # [W, T + 1, J] rad, recorded
-    warm: Array  # [W, WARM, J] rad, where the joints were when that was recorded
-    qpos: Array  # [W, nq] physics state at the sample after the warm-up
+    warm: Array  # [W, L, J] rad, where the joints were before the physics starts
+    qpos: Array  # [W, nq] physics state at the sample after that
     qvel: Array  # [W, nv]
-    row: Array  # [W] int, of the recording: the sample at which the physics starts
+    row: Array  # [W] int, of the recording: the last sample that is known
+    known: int  # samples before that one
 
 
 def _spin(before: Array, after: Array, seconds: float) -> Array:
@@ -80,9 +83,34 @@ def base_poses(world: World, recording: Recording, angle: Array) -> Array:
     return torso_poses(world.model, recording, angle, world.task.control_period)
 
 
+def warming(seconds: float) -> int:
+    """Samples, `seconds` apart, before the one from which on is predicted."""
+    return max(HISTORY + 1, round(WARM / seconds))
+
+
 def shortest(seconds: float) -> int:
     """Rows that a trajectory must have more than to be cut, `seconds` apart."""
-    return WARM + round(HORIZON / seconds) + 1
+    return warming(seconds) + round(HORIZON / seconds) + 1
+
+
+def _seen(joints: Array, late: Array) -> tuple[Array, int]:
+    """Where joints were at samples [N, J] of a run that encoders report late.
+
+    Args:
+        joints: [N, J] rad, as reported.
+        late: [J] samples.
+
+    Returns:
+        The angles, the last ones held, and how many samples those reach back.
+    """
+    if not late.any():
+        return joints, 0
+    rows = np.arange(len(joints))
+    at = np.minimum(rows[:, None] + late, rows[-1])
+    moved = [CubicSpline(rows, own)(when)
+             for own, when in zip(joints.T, at.T, strict=True)]  # fmt: skip
+    angles = np.stack(moved, axis=-1)
+    return angles, int(np.ceil(late.max() - 1e-9)) + 1
 
 
 def cut(
@@ -90,7 +118,8 @@ def cut(
 ) -> Windows:
     """Draw windows of the warm-up plus 0.5 s from held-out trajectories.
 
-    The joints are where the world's encoders report what was recorded.
+    The joints are where the world's encoders report what was recorded. Where they
+    report late, the physics starts so long before the last sample that is known.
 
     Args:
         world: whose model is replayed; its control period must be the recording's.
@@ -100,7 +129,8 @@ def cut(
         seed: of the draw.
     """
     seconds = world.task.control_period
-    length = shortest(seconds) - 1
+    length, warm = shortest(seconds) - 1, warming(seconds)
+    late = reported_late(world.model, world.causes) / seconds
     recorded = np.stack([recording.columns[f"position.{j}"] for j in JOINTS], axis=-1)
     turned = Native(world).behind(world.values, recorded)
     base = base_poses(world, recording, turned)
@@ -116,23 +146,24 @@ def cut(
     for number in range(count):
         run, rows = runs[number % len(runs)]
         first = generator.integers(0, len(run.time) - length)
-        now = first + WARM  # sample at which the physics starts
-        around = rows[now - 2 : now + 1]
+        now = first + warm  # the last sample that is known
+        joints, back = _seen(turned[rows[first : now + 1]], late)
+        start = warm - min(back, warm - 2)  # here the physics does
         pieces.append(
             (
                 run.command[first : first + length],
                 run.angle[first : first + length + 1],
-                turned[rows[first:now]],
-                turned[around],
-                base[around],
+                joints[:start],
+                joints[start - 2 : start + 1],
+                base[rows[first + start - 2 : first + start + 1]],
                 rows[now],
             )
         )
-    command, angle, warm, joints, pose, row = (
+    command, angle, before, joints, pose, row = (
         np.stack(part) for part in zip(*pieces, strict=True)
     )
     qpos, qvel = _state(world, joints, pose, seconds)
-    return Windows(command, angle, warm, qpos, qvel, row)
+    return Windows(command, angle, before, qpos, qvel, row, warm)
 
 
 def errors(backend: Backend, values: Any, windows: Windows, seconds: float) -> dict:
@@ -141,7 +172,7 @@ def errors(backend: Backend, values: Any, windows: Windows, seconds: float) -> d
     Returns:
         {(joint, horizon in s): error in rad}.
     """
-    error = _wrong(backend, values, windows, windows.command.shape[1] - WARM)
+    error = _wrong(backend, values, windows, windows.command.shape[1] - windows.known)
     found = {}
     for steps in (1, error.shape[1]):
         rms = np.sqrt(np.mean(error[:, steps - 1] ** 2, axis=0))
@@ -166,6 +197,7 @@ def error_soon(
 def _wrong(backend: Backend, values: Any, windows: Windows, steps: int) -> Array:
     """Predicted minus recorded angles [W, steps, J] rad."""
     start = windows.warm, windows.qpos, windows.qvel
-    command = windows.command[:, : WARM + steps]
+    known, early = windows.known, windows.known - windows.warm.shape[1]
+    command = windows.command[:, : known + steps]
     predicted = np.asarray(backend.replay(values, command, *start))
-    return predicted - windows.angle[:, WARM + 1 : WARM + 1 + steps]
+    return predicted[:, early:] - windows.angle[:, known + 1 : known + 1 + steps]

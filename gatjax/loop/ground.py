@@ -188,26 +188,22 @@ def stable(
     world: World, grounding: grounders.Grounding, theta: Array, key: Array
 ) -> grounders.Grounding:
     """Choose the largest alpha with which the walk falls least in the simulator."""
-    backend = prepare(grounders.grounded(world, grounding), "native")
-    keys = jax.random.split(key, STABILITY_ROLLOUTS)
-
-    def falls(candidate: grounders.Grounding) -> float:
-        values = grounders.grounded(world, candidate).values
-        return count_falls(backend, values, theta, keys) / len(keys)
-
+    falls = _falling(world, grounding, theta, key)
     return grounders.largest_stable_alpha(grounding, falls)
 
 
 def helpful(
-    world: World, grounding: grounders.Grounding, robot: Recording, seed: int
-) -> grounders.Grounding:
+    world: World, grounding: grounders.Grounding, robot: Recording, seed: int,
+    theta: Array, key: Array,
+) -> grounders.Grounding:  # fmt: skip
     """Choose how much of a correction predicts the robot best over the next 0.2 s.
 
-    A simulator that a diagnosis extended may need none; of any other one the correction
+    Among the shares with which the walk falls no more than with that it has. A
+    simulator that a diagnosis extended may need none; of any other one the correction
     stays as it is. The trajectories are those that it was learned from: held-out ones
     stay unseen.
     """
-    if not world.causes:
+    if not world.causes and world.contact is None:
         return grounding
     step = world.task.control_period
     seen, _ = parted(robot, step, seed)
@@ -221,7 +217,28 @@ def helpful(
 
     shares = [alpha for alpha in grounders.ALPHAS if alpha <= most]
     tried = [grounders.with_alpha(grounding, alpha) for alpha in shares]
-    return min(tried, key=error, default=grounding)
+    falls = _falling(world, grounding, theta, key)
+    for candidate in sorted(tried, key=error):
+        if candidate.facts["alpha"] == most:
+            break
+        share = falls(candidate)
+        if share <= grounding.facts["falls"]:
+            return candidate._replace(facts={**candidate.facts, "falls": share})
+    return grounding
+
+
+def _falling(
+    world: World, grounding: grounders.Grounding, theta: Array, key: Array
+) -> Callable[[grounders.Grounding], float]:
+    """The share of walks that fall with a grounding, of one structure."""
+    backend = prepare(grounders.grounded(world, grounding), "native")
+    keys = jax.random.split(key, STABILITY_ROLLOUTS)
+
+    def falls(candidate: grounders.Grounding) -> float:
+        values = grounders.grounded(world, candidate).values
+        return count_falls(backend, values, theta, keys) / len(keys)
+
+    return falls
 
 
 def count_falls(backend: Backend, values: Values, theta: Array, keys: Array) -> int:
@@ -282,8 +299,9 @@ def ground(
     grounding = learn_grounding(
         world, entry.grounder, robot, simulator, seed, theta, tell
     )
-    grounding = stable(world, grounding, theta, setting.key(2, iteration))
-    grounding = helpful(world, grounding, robot, seed)
+    key = setting.key(2, iteration)
+    grounding = stable(world, grounding, theta, key)
+    grounding = helpful(world, grounding, robot, seed, theta, key)
     facts = {"method": entry.name, "iteration": iteration}
     rows = [facts | row for row in predictions(world, grounding, robot, seed)]
     runs.add_rows(setting.folder / "prediction.csv", rows)

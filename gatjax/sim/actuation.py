@@ -48,10 +48,11 @@ class Actuation(NamedTuple):
 
     def init(self, values: Values, signal: Signal) -> State:
         """Return the first state of a run that begins with `signal`."""
+        signal = signal if self.plain else self._within(signal)
         motor = self.motor.init(values.motor, signal)
         if not self.torques:
             return State(motor, (), ())
-        _, signal = self.motor.apply(values.motor, motor, self._within(signal))
+        _, signal = self.motor.apply(values.motor, motor, signal)
         drive = self._drive(values, signal, 0.0 * signal.target)
         drive = drive._replace(torque=pull(drive))
         return State(motor, self.joint.init(values.joint, drive), drive.torque)

@@ -22,6 +22,16 @@ def completed(row: dict) -> dict[str, float]:
     return complete(row["cause"], cause(row["cause"]), row["values"])
 
 
+def reported_late(model: mujoco.MjModel, rows: Sequence[dict]) -> np.ndarray:
+    """How late encoders report each joint of a model, [J] s."""
+    names, late = robot_model.joint_names(model), np.zeros(model.nu)
+    for row in rows:
+        if row["cause"] == "measurement_delay":
+            seen = [bool({name, "all"} & {*row["where"]}) for name in names]
+            late += np.where(seen, row["values"]["delay"], 0.0)
+    return late
+
+
 def parts(rows: Sequence[dict], *slots: str) -> list[Part]:
     """Return the parts of causes in some slots, in order."""
     return [
@@ -46,6 +56,12 @@ def places(model: mujoco.MjModel, row: dict, part: Part) -> tuple[str, ...]:
     elif place != "joint":
         if where not in ([place], ["all"]):
             raise ValueError(f"{row['cause']}: where is {where}; it must be {[place]}")
+        there = robot_model.slots(model)
+        if place == "imu" and not (len(there.gyro) and len(there.accelerometer)):
+            raise ValueError(
+                f"{row['cause']}: the model has no IMU; give it a gyro and an "
+                f"accelerometer (<sensor>), or leave the cause out"
+            )
         return names if part.slot in ("joint", "log") else ()
     unknown = sorted(set(where) - set(names)) if where != ["all"] else []
     if unknown:
