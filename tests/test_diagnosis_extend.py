@@ -264,8 +264,9 @@ def judged(numbers: dict[str, float]) -> Judge:
     """What `world_values` reads of a judge of one joint."""
     gravity = dict(zip(GRAVITY, (0.0, 0.0, -9.81), strict=True))
     none: Any = None
+    grid: Any = SimpleNamespace(inertia=np.full((1, 1), 18.0 * numbers["armature"]))
     joint = Warm(
-        "joint", 0, numbers | gravity, none, 0, none, none, none, 1e-4,
+        "joint", 0, numbers | gravity, grid, 0, none, none, none, 1e-4,
         link=Link(200.0, np.array([1.5, 0.0, -1.5]), np.eye(3)[0]),
     )  # fmt: skip
     judge: Any = object.__new__(Judge)

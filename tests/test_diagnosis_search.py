@@ -121,7 +121,7 @@ def test_a_cause_of_what_the_model_has_none_of_is_found(cause, field, share):
     elbow = elbow._replace(measured=moved + noise)
     law = next(h for h in of_drive(elbow, CAUSES) if h.cause == cause)
     begun = search.scan(elbow, search.healthy(elbow), (law,))
-    found = min(fits.improve(elbow, begun, 8), key=lambda fit: fit.cost)
+    found = min(fits.improve(elbow, begun, 16), key=lambda fit: fit.cost)
     (value,) = law.values(elbow, found.x[COUNT:]).values()
     assert value == pytest.approx(size, rel=0.15)  # masses have tolerances
     assert found.rms() < 1.2 * elbow.noise

@@ -304,7 +304,7 @@ CAUSES: tuple[Hypothesis, ...] = (
     _payload(),
     _shift(),
     positive(
-        "armature", "inertia", "armature", 0.1, 200.0, (0.5, 1.5, 5.0, 25.0),
+        "armature", "inertia", "armature", 0.1, 150.0, (0.5, 1.5, 5.0, 25.0),
         armature_of, True,
     ),
     _tilt(),

@@ -203,13 +203,14 @@ def helpful(
     stays as it is. The trajectories are those that it was learned from: held-out ones
     stay unseen.
     """
-    if not world.causes and world.contact is None:
+    extended = bool(world.causes) or world.contact is not None
+    if not extended or "alpha" not in grounding.facts:
         return grounding
     step = world.task.control_period
     seen, _ = parted(robot, step, seed)
     windows = prediction.cut(world, measured(robot), seen, WINDOWS, seed)
     backend = prepare(grounders.grounded(world, grounding), "native")
-    most = grounding.facts.get("alpha", 0.0)
+    most = grounding.facts["alpha"]
 
     def error(candidate: grounders.Grounding) -> float:
         values = grounders.grounded(world, candidate).values
