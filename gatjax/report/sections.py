@@ -51,12 +51,9 @@ def cards(summary: Summary) -> str:
         words = []
         if method.gain is not None:
             words.append(f"{number(method.gain.mean, 0, sign=True)} %")
-        if method.best is not None:
-            words.append(evidence(method))
+        words.append(evidence(method))
         if method.falls is not None:
             words.append(f"{percent(method.falls.share.mean)} falls in the search")
-        if method.best is None:
-            words.insert(0, evidence(method))
         boxes.append(_card(method.name, speed(method), ", ".join(words)))
     return f'<div class="cards">{"".join(boxes)}</div>' if boxes else ""
 
