@@ -20,6 +20,7 @@ from gatjax.cli.resume import resumed, world_digest
 from gatjax.data.recording import Recording, write_recording
 from gatjax.grounding.envelope import Envelope
 from gatjax.grounding.learn import Grounding, write_grounding
+from gatjax.hosts import Crew
 from gatjax.loop.steps import physics
 from gatjax.records import JOINTS, Base
 from gatjax.settings import DEMO, EVALUATION, ROBOT_LOG, seeds
@@ -531,6 +532,22 @@ def test_a_search_that_never_began_claims_no_folder(tmp_path, capsys):
     assert main([*search(tmp_path, "--rate-hz", "100"), "--seed", "3"]) == 0
     told = capsys.readouterr().out
     assert told.endswith("policies/search_0_0_mean.json --rate-hz 100\n")
+
+
+def test_a_search_that_is_done_waits_for_no_hosts(found, tmp_path, monkeypatch):
+    waited = []
+    monkeypatch.setattr(Crew, "wait", lambda crew, hosts, most: waited.append(hosts))
+    shutil.copytree(found, tmp_path / "done")
+    more = ["--listen", "0", "--hosts", "2"]
+    assert main(search(tmp_path / "done", *more)) == 0
+    assert main(search(tmp_path / "new", *more)) == 0
+    assert waited == [0, 2]
+
+
+def test_a_search_folder_that_another_process_works_in(found, capsys):
+    with runs.held(found):
+        line = refused(capsys, search(found))
+    assert "another gatjax is at work in it" in line
 
 
 def test_a_command_to_go_on_with_can_be_typed(capsys, monkeypatch, tmp_path):

@@ -25,6 +25,11 @@ def servo(target, start=0.0, speed=0.0):
     return np.array(out[::10])
 
 
+def test_of_three_rows_nothing_is_known():
+    three = np.array([[0.0], [0.4], [0.8]])
+    assert underway(JointRun(0, np.array([0.0, 0.1, 0.2]), three, three)) == 0.0
+
+
 @pytest.mark.parametrize("noise", [0.0, 5e-4, 5e-3])
 def test_what_starts_at_rest_is_not_underway(noise):
     for target in (0.0 * TIME, np.full(400, 0.6), np.sin(6.0 * TIME), 2.0 * TIME):

@@ -295,6 +295,12 @@ def test_nobody_leads(capsys):
     assert f"--listen {port} there" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("patience", ["nan", "-5"])
+def test_patience_is_a_time(patience, capsys):
+    assert main(["work", "--leader", "localhost:1", "--patience", patience]) == 1
+    assert f"--patience is {float(patience)}; use 0 or" in capsys.readouterr().err
+
+
 def test_hosts_have_the_same_versions():
     task = Task({"versions": {"gatjax": "0.0", "mujoco": "1.0"}}, {})
     with pytest.raises(ValueError, match=r"the leader has .*1\.0"):
@@ -394,7 +400,7 @@ def test_a_search_survives_the_death_of_a_host_and_of_its_leader(tmp_path):
         heard(staying, "is gone; waiting")
         assert begun(*leads, "1").wait(240) == 0
         assert staying.wait(60) == 0
-        assert "is done; this host had a share in" in staying.stdout.read()
+        assert "is done; this host ran" in staying.stdout.read()
     assert found_by(led) == found_by(alone)
 
 

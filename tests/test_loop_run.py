@@ -392,6 +392,7 @@ def test_a_second_iteration_starts_from_the_best_walk(robot, tmp_path):
         ({"robot_trajectories": 1}, "robot_trajectories is 1; use 4 or more"),
         ({"rate_hz": 60.0}, "rate 60.0 Hz is unknown; choose from"),
         ({"backend": "gpu"}, "backend 'gpu' is unknown; choose from"),
+        ({"backend": "native", "impl": "wrap"}, "impl 'wrap' is unknown; choose from"),
         ({"backend": "mjx", "impl": "warp"}, "warp"),
     ],
 )

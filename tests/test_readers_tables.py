@@ -111,6 +111,13 @@ def test_empty_cells_are_no_samples_so_every_signal_has_its_own_stamps(
     np.testing.assert_allclose(made.columns["position.a"], 2.0 * TIME[odd])
 
 
+def test_a_header_alone_is_no_log(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("time,command.a,position.a\n")
+    with pytest.raises(ValueError, match=r"log.csv: no rows below the names of col"):
+        read(path)
+
+
 def test_a_map_names_the_stamps_and_the_runs(tmp_path):
     table = {"stamp_ms": 1e3 * TIME, "lap": np.repeat([3, 8], 150), "q": TIME}
     path = write(table, tmp_path / "log.csv")

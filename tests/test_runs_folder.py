@@ -1,9 +1,12 @@
 """The run folder: written before the work, readable after a kill, resumable."""
 
 import errno
+import fcntl
 import json
 import os
 import re
+import subprocess
+import sys
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -12,6 +15,7 @@ import pytest
 
 from gatjax.runs import (
     add_rows,
+    held,
     latest_run,
     open_run,
     read_policy,
@@ -132,6 +136,42 @@ def test_a_setting_that_is_gone_is_refused(tmp_path):
     write_json(run.path / "config.json", {**run.config, "old": 1})
     line = refusal(ValueError, resume_run, run.path, Run())
     assert "old = 1, now it is None" in line
+
+
+def test_two_do_not_work_in_a_folder_at_a_time(tmp_path):
+    with (
+        held(tmp_path),
+        pytest.raises(ValueError, match="another gatjax is at work in it"),
+        held(tmp_path),
+    ):
+        pass
+    with held(tmp_path):
+        pass
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_is_free_when_its_process_is_killed(tmp_path):
+    program = (
+        "import sys, time; from pathlib import Path; from gatjax.runs import held\n"
+        "with held(Path(sys.argv[1])):\n print('held', flush=True); time.sleep(60)"
+    )
+    line = [sys.executable, "-c", program, str(tmp_path)]
+    with subprocess.Popen(line, stdout=subprocess.PIPE) as other:
+        assert other.stdout.readline() == b"held\n"
+        with pytest.raises(ValueError, match="another gatjax"), held(tmp_path):
+            pass
+        other.kill()
+    with held(tmp_path):
+        pass
+
+
+def test_a_folder_is_worked_in_where_there_are_no_locks(tmp_path, monkeypatch):
+    def lacking(place, kind):
+        raise OSError(errno.ENOTSUP, "not supported")
+
+    monkeypatch.setattr(fcntl, "flock", lacking)
+    with held(tmp_path):
+        pass
 
 
 def test_a_folder_that_is_no_run_lists_the_runs_beside_it(tmp_path):

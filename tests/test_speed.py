@@ -152,6 +152,14 @@ def test_the_verb_measures_and_writes(tmp_path, capsys):
     assert out.with_suffix(".png").is_file()
 
 
+@pytest.mark.parametrize("name", ["there.json", "bench.png", "bench"])
+def test_a_file_that_will_not_do_is_refused_first(name, tmp_path, capsys, monkeypatch):
+    (tmp_path / "there.json").mkdir()
+    monkeypatch.setattr(speed, "measure", None)
+    assert main(["bench", "--json", str(tmp_path / name)]) == 1
+    assert "name a file FILE.json" in capsys.readouterr().err
+
+
 def test_what_cannot_run_here_is_said_before_anything_is_measured(monkeypatch, capsys):
     def lacking(impl):
         if impl == "warp":

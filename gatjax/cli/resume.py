@@ -62,10 +62,13 @@ def _flat(settings: LoopSettings) -> dict[str, Any]:
     return tree | tree.pop("search")
 
 
-def open_search(verb: Search, chosen: LoopSettings, theta: np.ndarray) -> None:
+def open_search(verb: Search, chosen: LoopSettings, theta: np.ndarray) -> int:
     """Write what a search is into its folder; refuse a folder of another search.
 
     Generations are left out of the comparison: asking for more is how a search goes on.
+
+    Returns:
+        Generations that are left to do.
 
     Raises:
         ValueError: one line with the first fact that differs.
@@ -104,6 +107,7 @@ def open_search(verb: Search, chosen: LoopSettings, theta: np.ndarray) -> None:
         )
     (verb.out / "policies").mkdir(parents=True, exist_ok=True)
     runs.write_json(file, asked)
+    return chosen.search.generations - (0 if done is None else done + 1)
 
 
 def _endless(config: dict[str, Any]) -> dict[str, Any]:

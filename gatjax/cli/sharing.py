@@ -42,8 +42,12 @@ def say(text: str) -> None:
 
 
 @contextlib.contextmanager
-def opened(verb: Search) -> Iterator[Share]:
+def opened(verb: Search, left: int) -> Iterator[Share]:
     """Let other hosts join a search while the block runs, if it listens.
+
+    Args:
+        verb: what was asked for.
+        left: generations that are left to do; without any nobody is waited for.
 
     Raises:
         ValueError: one line: flags that do not fit, or the port can not be had.
@@ -62,7 +66,7 @@ def opened(verb: Search) -> Iterator[Share]:
     say(f"listens: gatjax work --leader {platform.node()}:{crew.port}")
     done = False
     try:
-        crew.wait(verb.hosts, WAIT)
+        crew.wait(verb.hosts if left else 0, WAIT)
         yield _shared(crew)
         done = True
     finally:

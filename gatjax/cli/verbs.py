@@ -172,12 +172,13 @@ def search(verb: verbs.Search) -> None:
     world = walker_of(verb.world, task_at(verb.rate_hz))
     key, theta = jax.random.key(verb.seed), policy_of(verb.policy)
     runs.make_folder(verb.out)
-    open_search(verb, chosen, theta)
     keys = jax.random.split(key)
     job = loop.Job(verb.out, "search", 0, world, theta, *keys)
     units = settings.walks * settings.generations
-    with shown(float(units)) as progress, sharing.opened(verb) as share:
-        last = loop.optimise(job, chosen, progress, share)[-1]
+    with runs.held(verb.out):
+        left = open_search(verb, chosen, theta)
+        with shown(float(units)) as progress, sharing.opened(verb, left) as share:
+            last = loop.optimise(job, chosen, progress, share)[-1]
     path = verb.out / "policies" / f"{last.name}.json"
     print(f"{path}: mean of the last generation")
     usual = verb.rate_hz == verbs.Search.rate_hz
@@ -189,11 +190,13 @@ def search(verb: verbs.Search) -> None:
 def work(verb: verbs.Work) -> None:
     """Run a share of another host's search."""
     use_compile_cache()
-    shares = serve(
+    if not verb.patience >= 0.0:
+        raise ValueError(f"--patience is {verb.patience}; use 0 or more seconds")
+    answers = serve(
         address_of(verb.leader), lambda task: sharing.prepared(task, verb),
         verb.patience, sharing.say,
     )  # fmt: skip
-    print(f"{verb.leader} is done; this host had a share in {shares} generations")
+    print(f"{verb.leader} is done; this host ran {answers} shares of its walks")
 
 
 @act.register
@@ -307,6 +310,11 @@ def bench(verb: verbs.Bench) -> None:
     check_least(1, worlds=verb.worlds)
     check_seconds(verb.seconds)
     if verb.json is not None:
+        if verb.json.suffix != ".json" or verb.json.is_dir():
+            raise ValueError(
+                f"--json is {verb.json}; name a file FILE.json, the picture goes to "
+                f"FILE.png beside it"
+            )
         runs.make_folder(verb.json.parent)
     from gatjax import speed
 

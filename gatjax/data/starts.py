@@ -27,7 +27,7 @@ def underway(run: JointRun) -> np.ndarray:
     """
     since = run.time - run.time[0]
     rows = max(ROWS, int(np.searchsorted(since, SPAN - 1e-6)))
-    if len(since) <= rows:
+    if len(since) <= max(rows, 3):
         return np.zeros(run.angle.shape[1])
     some = slice(0, rows + max(rows, int(np.searchsorted(since, MOMENT - 1e-6))) + 1)
     lasts = (since[rows:] - since[:-rows])[some, None]

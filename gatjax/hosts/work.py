@@ -36,18 +36,18 @@ def serve(
         say: shows a line to the user.
 
     Returns:
-        Generations that it had a share in.
+        Shares of generations that it ran.
 
     Raises:
         ValueError: one line: no leader, another secret, or the task can't be done.
     """
-    shared = 0
+    answered = 0
     while True:
         with _reached(address, patience) as link:
-            done, generations = _worked(link, prepared, say, _name(address))
-        shared += generations
+            done, shares = _worked(link, prepared, say, _name(address))
+        answered += shares
         if done:
-            return shared
+            return answered
         say(f"{_name(address)} is gone; waiting {patience:.0f} s for it")
 
 

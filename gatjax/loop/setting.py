@@ -18,7 +18,7 @@ from gatjax.records import Array, Outcome, Trajectory
 from gatjax.runs import Progress
 from gatjax.search import checked
 from gatjax.settings import LoopSettings, check_seed
-from gatjax.sim.backend import BACKENDS, default_backend
+from gatjax.sim.backend import BACKENDS, IMPLS, default_backend
 from gatjax.sim.versions import mismatch, unused_gpu
 from gatjax.sim.world import World
 from gatjax.task import Task, task_at
@@ -188,6 +188,10 @@ def _on_this_machine(settings: LoopSettings) -> LoopSettings:
         known = ["auto", *BACKENDS]
         raise ValueError(
             f"backend {settings.backend!r} is unknown; choose from {', '.join(known)}"
+        )
+    if settings.impl not in IMPLS:
+        raise ValueError(
+            f"impl {settings.impl!r} is unknown; choose from {', '.join(IMPLS)}"
         )
     if settings.impl == "auto":
         settings = dataclasses.replace(settings, impl=_best_impl(settings.backend))

@@ -6,6 +6,7 @@ was stopped goes on where it was.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import json
 from collections.abc import Sequence
@@ -62,8 +63,22 @@ def run_all(
 
     Raises:
         ValueError: settings differ in more than their seeds, or from those that a run
-            was begun with in more than what is compared.
+            was begun with in more than what is compared; or another process is at
+            work in a folder.
     """
+    with contextlib.ExitStack() as all_held:
+        for folder in folders:
+            all_held.enter_context(runs.held(folder))
+        _run_all(folders, settings, robot, progress)
+
+
+def _run_all(
+    folders: Sequence[Path],
+    settings: Sequence[LoopSettings],
+    robot: Robot,
+    progress: Progress,
+) -> None:
+    """As `run_all`, in folders that nobody else writes to."""
     if len({dataclasses.replace(one, seed=0) for one in settings}) > 1:
         raise ValueError("trials side by side may differ in their seeds only")
     task = task_at(settings[0].rate_hz)

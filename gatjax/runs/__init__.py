@@ -15,6 +15,7 @@ from gatjax.runs.folder import (
     open_run,
     resume_run,
 )
+from gatjax.runs.held import held
 from gatjax.runs.progress import Progress
 from gatjax.runs.tables import add_rows, read_table
 from gatjax.walk.policy import read_policy, write_policy
@@ -26,6 +27,7 @@ __all__ = [
     "check_run",
     "check_same",
     "digest",
+    "held",
     "latest_run",
     "make_folder",
     "open_run",

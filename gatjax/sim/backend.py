@@ -17,6 +17,7 @@ from gatjax.sim.world import World
 
 Array = Any
 BACKENDS = ("native", "mjx")
+IMPLS = ("auto", "jax", "warp")  # of mjx
 
 
 class Backend(NamedTuple):

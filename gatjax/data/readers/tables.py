@@ -70,17 +70,7 @@ def read(path: Path, tell: Tell, given: Given) -> Source:
     names = [*numbers, *words, *left]
     stamp = stamps_of(numbers, given)
     if stamp is None or len(numbers[stamp]) == 0:
-        said = stamps_of(words, given)
-        first = words[said].names[:1] if said else []
-        if first:
-            raise ValueError(
-                f"{path}: column {said!r} holds text, such as {first[0]!r}; stamps are "
-                f"numbers, or dates with the time of day"
-            )
-        raise ValueError(
-            f"{path}: no rows, or no column of time ({given.time or ', '.join(TIMES)});"
-            f" it has {', '.join(names)}"
-        )
+        raise ValueError(f"{path}: {_unstamped(words, names, given)}")
     time = _known(path, stamp, numbers.pop(stamp))
     who = next((words.pop(name) for name in SUBJECTS if name in words), None)
     run = given.run or next((name for name in RUNS if name in numbers), None)
@@ -108,6 +98,21 @@ def read(path: Path, tell: Tell, given: Given) -> Source:
         facts = {}
         notes.append(f"{error}: not used")
     return Source(str(path), kind, runs, draft, facts, notes)
+
+
+def _unstamped(words: dict[str, Words], names: list[str], given: Given) -> str:
+    """Say what a table without stamps lacks."""
+    said = stamps_of(words, given)
+    first = words[said].names[:1] if said else []
+    if first:
+        return (
+            f"column {said!r} holds text, such as {first[0]!r}; stamps are numbers, or "
+            f"dates with the time of day"
+        )
+    if not names:
+        return "no rows below the names of columns"
+    wanted = given.time or ", ".join(TIMES)
+    return f"no rows, or no column of time ({wanted}); it has {', '.join(names)}"
 
 
 def _check_texts(path: Path, words: dict[str, Words], point: str) -> None:
