@@ -5,7 +5,7 @@ import pytest
 
 from gatjax.data.trajectories import JointRun
 from gatjax.diagnosis import ahead, chance, measure
-from gatjax.diagnosis.case import held, prepare, settled
+from gatjax.diagnosis.case import held, prepare, settled, unfitted
 from gatjax.diagnosis.noise import noise_of
 from gatjax.sim.limbs import settling
 from gatjax.sim.world import add_cause, nominal
@@ -132,6 +132,24 @@ def test_the_first_second_of_a_log_that_starts_in_motion_does_not_count():
     moving = still._replace(angle=COMMAND)
     errors = measure.log_errors([still, moving], {"one": [still.angle, COMMAND]})["one"]
     assert len(errors.block) == 2 * len(TIME) - 101
+
+
+def test_a_joint_that_had_not_settled_starts_where_it_was(tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(MODEL)
+    world = nominal(Task(control_period=PERIOD), path)
+    told = np.concatenate([np.full((50, 1), -0.2), COMMAND])
+    time = PERIOD * np.arange(350)
+    (angle,) = measure.whole_log(world, [JointRun(0, time, told, 0.0 * told)])
+    late = JointRun(0, TIME, COMMAND, angle[50:])
+    (predicted,) = measure.whole_log(world, [late])
+    assert np.abs(predicted - late.angle).max() < 0.05  # of 0.2, for its load
+    errors = measure.log_errors([late], {"one": [predicted]})["one"]
+    assert len(errors.block) == len(TIME) - 101
+    (joint,) = unfitted(held(world.model, [late], 0), [late]).joints
+    before = np.asarray(joint.grid.clock)[:, 0] < -0.01
+    assert np.asarray(joint.grid.target)[before, 0] == pytest.approx(late.angle[0, 0])
+    assert joint.valid.sum() == len(TIME) - 101
 
 
 def sampled(path, stamps, told):

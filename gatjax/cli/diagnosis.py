@@ -22,6 +22,7 @@ from gatjax.cli.found import (
 from gatjax.cli.progress import shown
 from gatjax.data import checks, sampling
 from gatjax.data.mapping import JOINT_FAMILIES, ColumnMap, read_map
+from gatjax.data.misread import mended
 from gatjax.data.recording import (
     Recording,
     check_one_unit,
@@ -133,7 +134,8 @@ def _checked(
                 f"give the model of the robot as it was logged"
             )
         log, short = sampling.lasting(log)
-        before.append([*beside, *short, *check_ranges(model, log)])
+        log, misread = mended(log)
+        before.append([*beside, *short, *misread, *check_ranges(model, log)])
         logs.append(log)
     found = checks.trusted(logs, ranges, role)
     return logs, [[*a, *b] for a, b in zip(before, found, strict=True)]

@@ -17,6 +17,25 @@ STEADY = 0.65  # of the speed a moment later: what starts at rest has less
 SURE = 5.0  # deviations that a speed at the start is above noise
 CATCH = 1.0  # s until a simulation has made up for a wrong start; half a run at most
 AWAY = 0.2  # rad between first command and first position
+LATE = 0.02  # rad, of which a joint makes up
+SOON = 0.3  # s within which it does
+MADE_UP = 0.3  # share of it, ahead of how far commands went
+
+
+def unsettled(run: JointRun) -> np.ndarray:
+    """Which joints [J] had not yet moved to the first command when a run began.
+
+    At rest in balance, a joint goes after its command; these move before it does, as
+    where a log's first row holds the first new target.
+    """
+    count = int(np.searchsorted(run.time - run.time[0], SOON)) + 1
+    short = run.command[0] - run.angle[0]
+    moved, told = (
+        np.sign(short) * (each[:count] - each[0]) for each in (run.angle, run.command)
+    )
+    ahead = (moved - np.maximum.accumulate(told, axis=0)).max(0)
+    noise = SURE * np.sqrt(2.0) * _noise(run)
+    return (np.abs(short) > LATE) & (ahead > MADE_UP * np.abs(short) + noise)
 
 
 def underway(run: JointRun) -> np.ndarray:
@@ -27,17 +46,23 @@ def underway(run: JointRun) -> np.ndarray:
     """
     since = run.time - run.time[0]
     rows = max(ROWS, int(np.searchsorted(since, SPAN - 1e-6)))
-    if len(since) <= max(rows, 3):
+    if len(since) <= rows:
         return np.zeros(run.angle.shape[1])
     some = slice(0, rows + max(rows, int(np.searchsorted(since, MOMENT - 1e-6))) + 1)
     lasts = (since[rows:] - since[:-rows])[some, None]
     speed = (run.angle[rows:] - run.angle[:-rows])[some] / lasts
-    third = np.abs(np.diff(run.angle, 3, axis=0))
-    noise = np.median(third, axis=0) / (0.6745 * np.sqrt(20.0))
-    spread = np.sqrt(2.0) * noise / lasts[0]
+    spread = np.sqrt(2.0) * _noise(run) / lasts[0]
     later = STEADY * np.abs(speed).max(axis=0)
     least = np.maximum(np.maximum(CRAWL, later), SURE * spread)
     return np.where(np.abs(speed[0]) > least, speed[0], 0.0)
+
+
+def _noise(run: JointRun) -> np.ndarray:
+    """Standard deviation [J] of readings, from third differences; 0 of three rows."""
+    if len(run.angle) < 4:
+        return np.zeros(run.angle.shape[1])
+    third = np.abs(np.diff(run.angle, 3, axis=0))
+    return np.median(third, axis=0) / (0.6745 * np.sqrt(20.0))
 
 
 def early(run: JointRun, seconds: float = CATCH) -> np.ndarray:
@@ -54,7 +79,8 @@ def check_start(
     for run in runs:
         rows = np.flatnonzero(recording.trajectory == run.trajectory)
         speed, away = underway(run), np.abs(run.angle[0] - run.command[0])
-        fast, far = int(np.argmax(np.abs(speed))), int(np.argmax(away))
+        late = np.where(unsettled(run), away, 0.0)
+        fast, far = int(np.argmax(np.abs(speed))), int(np.argmax(away - late))
         if speed[fast] != 0.0:
             text = (
                 f"{cell(recording, rows[0], f'position.{joints[fast]}')}: moves at "
@@ -62,7 +88,15 @@ def check_start(
                 f"start at rest, so its first second does not count"
             )
             found.append(Finding("warning", "start", text, {joints[fast]: speed[fast]}))
-        if away[far] > AWAY:
+        if late.any():
+            last = int(np.argmax(late))
+            text = (
+                f"{cell(recording, rows[0], f'position.{joints[last]}')}: starts "
+                f"{angle(float(late[last]))} from its first command and moves there at "
+                f"once; it had not settled, so its first second does not count"
+            )
+            found.append(Finding("warning", "start", text, {joints[last]: late[last]}))
+        if away[far] - late[far] > AWAY:
             text = (
                 f"{cell(recording, rows[0], f'position.{joints[far]}')}: starts "
                 f"{angle(float(away[far]))} from its command; an offset, a heavy load, "

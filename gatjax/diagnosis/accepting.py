@@ -9,7 +9,7 @@ import numpy as np
 from gatjax.diagnosis import case as cases
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.bank import CAUSES
-from gatjax.diagnosis.case import mapped
+from gatjax.diagnosis.case import along, mapped
 from gatjax.diagnosis.claims import SEVERAL, Claim, shared_value, uncertainty
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import Hypothesis, combined, pinned
@@ -20,6 +20,7 @@ STRAY, FEW = 2.5, 0.2  # times the middle piece's misfit; share of pieces left a
 CHANGED = 3.0  # nats: a joint whose evidence changed less keeps its fits
 ODD = 2.0  # times what the next worst of them leaves, that this one leaves
 SETTLING = 3  # iterations in which joints settle on a value
+SIZING = 6  # times that joints settle on the size of a body, at most
 CONVERGING = 40  # iterations at most of the fit of an accepted claim
 PASSES = 6  # over the loads that a new claim makes, at most
 
@@ -172,6 +173,8 @@ class Accepting(Known):
             prior: what was known about each joint before it.
         """
         odd = self._odd(claim.fits)
+        if claim.body is not None and self.case.base.follows:
+            claim = self._sized(claim, prior, odd)
         for _ in range(PASSES if len(self.joints) > 1 else 0):
             old = claim, self.case, self.joints, self.known
             total = self.evidence(odd)
@@ -183,6 +186,28 @@ class Accepting(Known):
             self.accepted[-1] = claim
             if better < CHANGED and not claim.moved(old[0]):
                 break
+        return claim
+
+    def _sized(self, claim: Claim, prior: list[Fit], odd: int | None) -> Claim:
+        """The newest claim about a body on the loads of the measured motion.
+
+        Of a wrong size, what a body does to one joint shows in the motion of the
+        others, and loads along what they simulate bear that size out, each joint by
+        itself. Loads as they were are kept where they suit better.
+        """
+        best = claim, self.case, self.joints, self.known
+        most = self.evidence(odd)
+        self.case = along(self.case, [], [])
+        self.joints = self.altered(self.case)
+        self.known = mapped(self._again, range(len(self.joints)))
+        for _ in range(SIZING):
+            before, claim = claim, self._agreed(claim, prior, odd)
+            if (now := self.evidence(odd)) > most:
+                best, most = (claim, self.case, self.joints, list(self.known)), now
+            if not claim.moved(before):
+                break
+        claim, self.case, self.joints, self.known = best
+        self.accepted[-1] = claim
         return claim
 
     def _agreed(self, claim: Claim, prior: list[Fit], odd: int | None) -> Claim:

@@ -25,6 +25,7 @@ from gatjax.diagnosis.joint import (
 )
 from gatjax.diagnosis.tolerances import USUAL, Tolerances
 from gatjax.effects.gear import GIVE as TEETH
+from gatjax.robot.model import servoed
 
 TRANSPORT = 0.0012  # s, nominal way of a command to the servo
 CREEP = 0.06  # rad/s, speed at which stiction has faded
@@ -109,7 +110,8 @@ def build(
     level = np.hypot(noise.of_joints(runs), [allowed.close(name) for name in names])
     supply = supply_load(model, tree, moved, loads)
     total = assumed[0].supply if assumed else None
-    grids = _grids(runs, moved, loads, _share(supply, total))
+    late = [starts.unsettled(run) & servoed(model) for run in runs]
+    grids = _grids(runs, moved, loads, _share(supply, total), late)
     at = np.stack([_padded(run.time - run.time[0], rows) for run in runs])
     moving = np.stack([starts.underway(run) for run in runs])
     joints = []
@@ -130,11 +132,12 @@ def build(
             grid = grid._replace(path=path, reading=reading)
         seen = np.stack([_padded(run.angle[:, index], rows) for run in runs])
         valid = np.zeros(seen.shape, bool)
-        for row, run, fast in zip(valid, runs, moving, strict=True):
+        begun = (moving[:, index] != 0.0) | np.stack(late)[:, index]
+        for row, run, wrong in zip(valid, runs, begun, strict=True):
             counted = _free(model, run, index)
             if not drive["hold"]:
                 counted &= ~starts.early(run, CAUGHT)
-            elif run.within or fast[index]:
+            elif run.within or wrong:
                 counted &= ~starts.early(run)
             row[: len(run.time)] = counted
         body = tree.body[index]
@@ -151,8 +154,12 @@ def _grids(
     moved: list[motions.Motion],
     loads: list[weights.Loads],
     supply: list[np.ndarray],
+    late: list[np.ndarray],
 ) -> Callable[[int, float], laws.Grid]:
-    """What lies on the simulations' grid, of a joint and the armature of its motor."""
+    """What lies on the simulations' grid, of a joint and the armature of its motor.
+
+    Joints [J] that are `late` in a run begin where they were.
+    """
     time = motions.grid_time(runs, STEP, -moved[0].time[0])
     ends = np.array([run.time[-1] - run.time[0] for run in runs])
     at, few = moved[0].time, moved[0].time[:: weights.COARSE]
@@ -165,8 +172,10 @@ def _grids(
 
     before = (time < -0.5 * STEP)[:, None]
     targets = [
-        np.where(before, run.angle[0], told) if run.within else told
-        for run, told in zip(runs, held([run.command for run in runs]), strict=True)
+        np.where(before & (run.within | rests), run.angle[0], told)
+        for run, told, rests in zip(
+            runs, held([run.command for run in runs]), late, strict=True
+        )
     ]
     shares = held([run.stiff for run in runs])
     readings = [motions.spread(time, r.time - r.time[0], r.angle) for r in runs]

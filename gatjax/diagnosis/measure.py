@@ -111,11 +111,12 @@ def replayed(
 ) -> list[Replayed]:
     """Open-loop predictions of runs.
 
-    They start at rest, at the first command, or pieces of longer runs at the measured
-    angle, which their servos are told before; without servos, from the measured angle
-    and speed. A log's clock starts with its first row. Where commands may get lost,
-    they are means over draws. Each run has values of its own, the world's if none are
-    given. A robot that stood predicts nothing (NaN) from its fall on.
+    They start at rest, at the first command; pieces of longer runs, and joints that had
+    not settled, at the measured angle, which their servos are told before; without
+    servos, from the measured angle and speed. A log's clock starts with its first row.
+    Where commands may get lost, they are means over draws. Each run has values of its
+    own, the world's if none are given. A robot that stood predicts nothing (NaN) from
+    its fall on.
     """
     period, follows = world.task.control_period, servoed(world.model)
     rest = max(SETTLE, lead_of(world.model))
@@ -128,8 +129,8 @@ def replayed(
         stiff = stretched([run.stiff for run in played], lead)
     every = stacked([each.values for each in own])
     for told, run in zip(commands, runs, strict=True):
-        if run.within:
-            told[:lead] = run.angle[0]
+        there = starts.unsettled(run) | run.within
+        told[:lead] = np.where(there, run.angle[0], told[:lead])
     qpos = np.stack([put_down(world.model, told[0]) for told in commands])
     qvel = np.zeros((len(runs), world.model.nv))
     if not follows:
@@ -212,7 +213,8 @@ def log_errors(
 ) -> dict[str, Errors]:
     """Errors of several predictions at the rows of whole logs that all of them have.
 
-    Where a log starts in motion, its first second does not count.
+    Where a log starts in motion, or before a joint settled, its first second does not
+    count.
     """
     blocks = np.concatenate(
         [
@@ -227,7 +229,11 @@ def log_errors(
     }
     kept = ~np.any([np.isnan(each).any(1) for each in squared.values()], axis=0)
     kept &= ~np.concatenate(
-        [starts.early(run) & (run.within or starts.underway(run).any()) for run in runs]
+        [
+            starts.early(run)
+            & (run.within or starts.underway(run).any() or starts.unsettled(run).any())
+            for run in runs
+        ]
     )
     return {name: Errors(each[kept], blocks[kept]) for name, each in squared.items()}
 

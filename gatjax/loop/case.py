@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gatjax.data import checks
+from gatjax.data.misread import mended
 from gatjax.data.recording import Recording
 from gatjax.diagnosis.diagnose import diagnose
 from gatjax.diagnosis.given import Logs, Tell
@@ -52,11 +53,14 @@ def examine(case: Case, tell: Tell) -> None:
         joint: (float(low), float(high))
         for joint, (low, high) in zip(JOINTS, LIMITS, strict=True)
     }
-    found = checks.trusted(case.fit, ranges, "fit")
-    found += checks.trusted(case.held, ranges, "held-out")
-    files = [*case.fit, *case.held]
+    whole = [mended(log) for log in (*case.fit, *case.held)]
+    files, misread = zip(*whole, strict=True)
+    fit, held = list(files[: len(case.fit)]), list(files[len(case.fit) :])
+    found = checks.trusted(fit, ranges, "fit")
+    found += checks.trusted(held, ranges, "held-out")
+    found = [[*a, *b] for a, b in zip(misread, found, strict=True)]
     rows = checks.summary(list(zip(files, found, strict=True)))
-    given = Logs(case.fit, case.held, rows)
+    given = Logs(fit, held, rows)
     diagnose(Start(case.model), given, case.folder, case.seed, tell)
 
 
