@@ -56,7 +56,7 @@ def test_a_payload_that_jerks_all_joints_has_the_size_that_they_agree_on():
     case = settled(prepare(held(model, [runs], 0), [runs], silent), silent)
     judge = Judge(case, silent)
     law, every = ("payload", "at the centre of mass"), judge.claims()
-    (claim,) = (c for c in every if (c.hypothesis.law, c.where) == (law, (2,)))
+    claim = next(c for c in every if (c.hypothesis.law, c.where) == (law, (2,)))
     claim = judge.accept(claim)
     values = claim.hypothesis.values(judge.joints[2], claim.own)
     assert abs(values["mass"] - PAYLOAD) < 0.15 * PAYLOAD  # 0.36 kg without `_sized`
