@@ -66,6 +66,8 @@ def run_all(
             was begun with in more than what is compared; or another process is at
             work in a folder.
     """
+    if len({dataclasses.replace(one, seed=0) for one in settings}) > 1:
+        raise ValueError("trials side by side may differ in their seeds only")
     with contextlib.ExitStack() as all_held:
         for folder in folders:
             all_held.enter_context(runs.held(folder))
@@ -79,8 +81,6 @@ def _run_all(
     progress: Progress,
 ) -> None:
     """As `run_all`, in folders that nobody else writes to."""
-    if len({dataclasses.replace(one, seed=0) for one in settings}) > 1:
-        raise ValueError("trials side by side may differ in their seeds only")
     task = task_at(settings[0].rate_hz)
     trials = []
     for folder, one in zip(folders, settings, strict=True):
