@@ -11,6 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from gatjax.data.finding import Finding, angle, cell
 from gatjax.data.recording import Recording
+from gatjax.data.trajectories import scatter, stretches
 
 GLITCH = 0.05  # rad that a reading is off the rows beside it, at least
 UNLIKE = 20.0  # times what most readings are off those
@@ -79,12 +80,10 @@ def stale(angles: np.ndarray) -> np.ndarray:
     same = (step == 0.0).all(1)
     same[0] = False
     found = np.zeros(len(angles), bool)
-    edges = np.flatnonzero(np.diff(same.astype(int), prepend=0, append=0))
-    bounds = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
     clean = ~same & ~np.roll(same, 1)
     clean[0] = False
     least = STEPS * _resolution(angles)
-    for first, end in bounds:
+    for first, end in stretches(same):
         if end - first > STALE or end >= len(angles):
             continue
         near = slice(max(first - NEAR, 0), end + NEAR + 1)
@@ -99,10 +98,9 @@ def stale(angles: np.ndarray) -> np.ndarray:
 
 def _resolution(angles: np.ndarray) -> np.ndarray:
     """What readings [N, J] tell apart [J], rad: noise, or steps of an encoder."""
-    third = np.median(np.abs(np.diff(angles, 3, axis=0)), axis=0)
     steps = [np.diff(np.unique(np.round(each, 9))) for each in angles.T]
     least = [each.min() if len(each) else np.inf for each in steps]
-    return np.maximum(third / (0.6745 * np.sqrt(20.0)), least)
+    return np.maximum(scatter(angles), least)
 
 
 def _glitched(

@@ -8,7 +8,7 @@ import numpy as np
 
 from gatjax.data.finding import Finding, angle, cell
 from gatjax.data.recording import Recording
-from gatjax.data.trajectories import JointRun
+from gatjax.data.trajectories import JointRun, scatter
 
 SPAN, ROWS = 0.02, 2  # s and intervals, at least, that a speed is taken over
 MOMENT = 0.06  # s within which a joint that starts at rest gets much faster
@@ -34,7 +34,7 @@ def unsettled(run: JointRun) -> np.ndarray:
         np.sign(short) * (each[:count] - each[0]) for each in (run.angle, run.command)
     )
     ahead = (moved - np.maximum.accumulate(told, axis=0)).max(0)
-    noise = SURE * np.sqrt(2.0) * _noise(run)
+    noise = SURE * np.sqrt(2.0) * scatter(run.angle)
     return (np.abs(short) > LATE) & (ahead > MADE_UP * np.abs(short) + noise)
 
 
@@ -51,18 +51,10 @@ def underway(run: JointRun) -> np.ndarray:
     some = slice(0, rows + max(rows, int(np.searchsorted(since, MOMENT - 1e-6))) + 1)
     lasts = (since[rows:] - since[:-rows])[some, None]
     speed = (run.angle[rows:] - run.angle[:-rows])[some] / lasts
-    spread = np.sqrt(2.0) * _noise(run) / lasts[0]
+    spread = np.sqrt(2.0) * scatter(run.angle) / lasts[0]
     later = STEADY * np.abs(speed).max(axis=0)
     least = np.maximum(np.maximum(CRAWL, later), SURE * spread)
     return np.where(np.abs(speed[0]) > least, speed[0], 0.0)
-
-
-def _noise(run: JointRun) -> np.ndarray:
-    """Standard deviation [J] of readings, from third differences; 0 of three rows."""
-    if len(run.angle) < 4:
-        return np.zeros(run.angle.shape[1])
-    third = np.abs(np.diff(run.angle, 3, axis=0))
-    return np.median(third, axis=0) / (0.6745 * np.sqrt(20.0))
 
 
 def early(run: JointRun, seconds: float = CATCH) -> np.ndarray:

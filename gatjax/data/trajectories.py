@@ -153,6 +153,23 @@ def cut_columns(recording: Recording, names: Sequence[str]) -> list[Columns]:
     ]
 
 
+def stretches(rows: np.ndarray) -> np.ndarray:
+    """First row and end [K, 2] of each stretch of a mask [N] bool."""
+    edges = np.flatnonzero(np.diff(rows.astype(int), prepend=0, append=0))
+    return edges.reshape(-1, 2)
+
+
+def scatter(angle: np.ndarray) -> np.ndarray:
+    """Standard deviation [J] of readings [T, J], from their third differences.
+
+    The median of these leaves out what moves fast now and then; 0 of three rows.
+    """
+    if len(angle) < 4:
+        return np.zeros(angle.shape[1])
+    third = np.abs(np.diff(angle, 3, axis=0))
+    return np.median(third, axis=0) / (0.6745 * np.sqrt(20.0))
+
+
 def soon_after(time: np.ndarray, happens: np.ndarray, seconds: float) -> np.ndarray:
     """Rows [N] bool at which something happens [N] bool, or did less long ago."""
     last = np.where(happens, time, -np.inf)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import chi2
 
+from gatjax.data.trajectories import stretches
 from gatjax.diagnosis import beam
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.fit import Fit
@@ -61,7 +62,7 @@ def statistics(
     """
     gone, _ = _telling(lost, commands)
     count = sum(int(mask.sum()) for mask in lost)
-    times = sum(len(bursts(mask)) for mask in lost)
+    times = sum(len(stretches(mask)) for mask in lost)
     return {
         "probability": float(gone.mean()) if len(gone) else 0.0,
         "burst": max(count / max(times, 1), 1.0),
@@ -208,12 +209,6 @@ def find(
         state = losses.fit.x, SHARPER * losses.fit.rms()
         tried.append(_turns(joint, base, commands, state, ROUNDS))
     return min(tried, key=lambda losses: losses.fit.rms())
-
-
-def bursts(lost: np.ndarray) -> np.ndarray:
-    """First tick and end [K, 2] of each burst of a mask [N]."""
-    edges = np.flatnonzero(np.diff(lost.astype(int), prepend=0, append=0))
-    return edges.reshape(-1, 2)
 
 
 def period(joint: Joint, commands: list[np.ndarray]) -> float:

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from gatjax.data.trajectories import stretches
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.drops import (
     LOST,
     ODDS,
     ROUNDS,
     Losses,
-    bursts,
     on_grid,
     period,
 )
@@ -64,7 +64,7 @@ def outage(
 def _long(lost: np.ndarray) -> np.ndarray:
     """The bursts of a mask [N] that are long, [N] bool."""
     out = np.zeros(len(lost), bool)
-    for first, end in bursts(lost):
+    for first, end in stretches(lost):
         out[first:end] = end - first >= LONG
     return out
 
@@ -82,7 +82,7 @@ def _fitted(
     """The windows with the numbers that suit them, from the better of some starts."""
     now = _unpowered(joint, windows)
     ticks = sum(int(window.sum()) for window in windows)
-    times = sum(len(bursts(window)) for window in windows)
+    times = sum(len(stretches(window)) for window in windows)
     told = {"duration": ticks * period(joint, commands) / times, "times": float(times)}
     law = combined(base.hypothesis, UNPOWERED._replace(values=lambda joint, x: told))
     starts = fits.start(now, [(law, x) for x in begins])
@@ -94,7 +94,7 @@ def _moved(found: Losses) -> list[np.ndarray]:
     """The windows with begins and ends where the same numbers explain most."""
     windows, least = list(found.lost), _cost(found, found.lost)
     for run, window in enumerate(found.lost):
-        edges = bursts(window)
+        edges = stretches(window)
         for place in range(len(edges)):
             first = edges[place].copy()
             for move in MOVES:

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from gatjax.data.trajectories import stretches
 from gatjax.diagnosis import fit as fits
-from gatjax.diagnosis.drops import ADVANCE, Losses, bursts, price, with_commands
+from gatjax.diagnosis.drops import ADVANCE, Losses, price, with_commands
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.joint import Joint
 
@@ -49,7 +50,9 @@ def _nats(losses: Losses) -> float:
 def _bursts(lost: Sequence[np.ndarray]) -> list[tuple[int, int, int]]:
     """Run, first tick and end of each burst in masks [N]."""
     return [
-        (run, *pair) for run, mask in enumerate(lost) for pair in bursts(mask).tolist()
+        (run, *pair)
+        for run, mask in enumerate(lost)
+        for pair in stretches(mask).tolist()
     ]
 
 
