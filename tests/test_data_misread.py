@@ -66,6 +66,34 @@ def test_a_log_that_is_right_stays_as_it_is():
         assert mended(whole) == (whole, [])
 
 
+def test_one_row_that_repeats_may_come_of_chance():
+    angles = moving()
+    angles[200] = angles[199]
+    whole = log(angles)
+    assert mended(whole) == (whole, [])
+
+
+def test_noise_has_no_glitches():
+    draw = np.random.default_rng(4).standard_t(4.0, size=(800, 2))
+    whole = log(moving(0.0) + 0.015 * draw)
+    assert mended(whole) == (whole, [])
+
+
+def test_joints_that_stand_for_long_and_catch_up_are_left_alone():
+    angles = moving()
+    for row in range(40, 700, 90):  # four rows are more than a bus misses
+        angles[row : row + 4] = angles[row - 1]
+    whole = log(angles)
+    assert mended(whole) == (whole, [])
+
+
+def test_slow_joints_on_a_coarse_encoder_are_left_alone():
+    slow = np.linspace([0.0, 0.3], [0.6, 1.1], 800)
+    for step in (0.0015, 0.006):
+        whole = log(np.round(slow / step) * step)
+        assert mended(whole) == (whole, [])
+
+
 def test_joints_that_stick_or_jump_are_left_alone():
     sticking = moving()
     for row in range(100, 700, 37):  # held for two rows, and not made up for

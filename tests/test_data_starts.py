@@ -67,6 +67,16 @@ def test_what_balances_off_its_command_had_settled():
             assert unsettled(settled) == [False]
 
 
+def test_a_start_that_is_off_by_little_or_by_noise_had_settled():
+    near = run(servo(0.0 * TIME, 0.015))._replace(command=0.0 * TIME[:, None])
+    assert unsettled(near) == [False]
+    for seed in range(8):
+        noise = 0.02 * np.random.default_rng(seed).normal(size=(400, 1))
+        noise[0] = -0.05
+        off = JointRun(0, TIME, 0.0 * TIME[:, None], noise)
+        assert unsettled(off) == [False]
+
+
 def test_early_rows_are_the_first_second_or_half_of_a_short_run():
     assert early(run(TIME)).sum() == 101
     short = run(TIME).part(np.arange(101))
