@@ -12,6 +12,7 @@ from gatjax.diagnosis import (
     accepting,
     bank,
     drops,
+    lost,
     motion,
     noise,
     outage,
@@ -263,6 +264,56 @@ def test_losses_of_a_robot_off_its_nominal_numbers_need_another_start():
     known = fits.start(noisy, [(None, np.zeros(COUNT))])[0]
     found = drops.find(noisy, known, [command])
     assert found.fit.rms() < 1.3 * noisy.noise
+
+
+def slowed(cause, own, seed, share):
+    """A joint with a cause that loses commands, these, and its fit without losses."""
+    bare, rng = joint(wave), np.random.default_rng(seed)
+    command = np.array([wave(t) for t in bare.time[0]])
+    lost = rng.uniform(size=len(command)) < share
+    lost[0] = False
+    drive = numbers(bare, by_cause(cause), np.append(rng.normal(size=COUNT), own))
+    held = drops.with_commands(bare, [command], [lost])
+    angle = held.simulate([drive], False)[..., 0] + rng.normal(0.0, 7e-4, (1, 250))
+    noisy = bare._replace(measured=angle)
+    plain = fits.start(noisy, [(None, np.zeros(COUNT))])
+    return noisy, command, fits.improve(noisy, plain, 12)[0]
+
+
+def beside(noisy, known, cause):
+    """The fit of a cause beside what is known about a joint."""
+    law = by_cause(cause)
+    begins = law.begins(noisy, known.residual)
+    points = [(law, np.append(known.x, own)) for own in begins]
+    found = fits.improve(noisy, fits.start(noisy, points), 8)
+    return min(found, key=lambda fit: fit.cost)
+
+
+def test_losses_are_found_beside_the_right_cause_only():
+    noisy, command, plain = slowed("first_order_lag", np.log([0.06]), 0, 0.4)
+    known = Known.__new__(Known)
+    known.joints, known.known, known.accepted = [noisy], [plain], []
+    known.case = Asked(command)
+    lag, friction = (
+        beside(noisy, plain, cause) for cause in ("first_order_lag", "coulomb_friction")
+    )
+    assert lag.rms() > 4.0 * noisy.noise
+    nats, fit = lost.second(known, 0, noisy, lag)
+    assert fit.rms() < 1.3 * noisy.noise
+    assert np.exp(fit.x[-1]) == pytest.approx(0.06, rel=0.1)
+    assert 0.0 < nats < known.score(0, fit)  # the price of writing them down
+    assert lost.second(known, 0, noisy, friction) is None
+    lossy = Claim(drops.LOST, np.zeros(0), (0,), {0: plain}, 9.0, lost={0: []})
+    known.accepted = [lossy]
+    assert lost.second(known, 0, noisy, lag) is None
+
+
+def test_a_search_for_losses_that_is_stuck_goes_on_with_more_freedom(monkeypatch):
+    noisy, command, plain = slowed("coulomb_friction", np.log([0.5]), 19, 0.6)
+    friction = beside(noisy, plain, "coulomb_friction")
+    left = drops.heated(noisy, friction, [command]).fit.rms()
+    monkeypatch.setattr(drops, "HOTTER", ())
+    assert left < 0.7 * drops.heated(noisy, friction, [command]).fit.rms()
 
 
 def test_the_step_of_a_rounded_target_is_read_from_what_it_leaves():

@@ -35,6 +35,7 @@ DONE = 1.2  # times the noise: no better pattern is looked for
 DECODED = 1.7  # times the noise at most, that decoded losses leave
 NEAR = 6.0  # times the noise that a first search leaves: other starts may do better
 PROMISING = 0.5  # the same, of what another explanation leaves
+HOTTER = (1.5, 3.0, 1.5)  # times what a pattern left: what the next one may leave again
 SCOUTS, SPREAD = 6, 1.5  # starts beside the nominal one; tolerances of theirs
 SCOUTING, FOLLOWED = 3, 4  # rounds of a scout; the best that are followed
 SELECTIVE = 3.0  # deviations: small changes are lost more often than by chance
@@ -194,8 +195,7 @@ def find(
         commands: of each run [N], rad.
         rival: what the best other explanation leaves, rad.
     """
-    plain = fits.unspent(base.x), FIRST * joint.noise
-    first = _turns(joint, base, commands, plain, ROUNDS)
+    first = heated(joint, base, commands)
     near = min(NEAR * joint.noise, PROMISING * rival)
     if not DECODED * joint.noise < first.fit.rms() < near:
         return first
@@ -209,6 +209,23 @@ def find(
         state = losses.fit.x, SHARPER * losses.fit.rms()
         tried.append(_turns(joint, base, commands, state, ROUNDS))
     return min(tried, key=lambda losses: losses.fit.rms())
+
+
+def heated(joint: Joint, base: Fit, commands: list[np.ndarray]) -> Losses:
+    """Decode losses from the numbers of a fit on, and again with more freedom if stuck.
+
+    A pattern that may leave more than the one before it gets away from where search
+    and fit bear each other out (simulated annealing, Kirkpatrick et al. 1983).
+    """
+    plain = fits.unspent(base.x), FIRST * joint.noise
+    best = _turns(joint, base, commands, plain, ROUNDS)
+    for more in HOTTER:
+        left = best.fit.rms()
+        if not DECODED * joint.noise < left < NEAR * joint.noise:
+            break
+        again = _turns(joint, base, commands, (best.fit.x, more * left), ROUNDS)
+        best = min(best, again, key=lambda losses: losses.fit.rms())
+    return best
 
 
 def period(joint: Joint, commands: list[np.ndarray]) -> float:

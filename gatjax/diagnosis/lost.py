@@ -11,6 +11,7 @@ from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.case import mapped
 from gatjax.diagnosis.claims import PLACE, WORTH, Claim
 from gatjax.diagnosis.fit import Fit
+from gatjax.diagnosis.joint import Joint
 from gatjax.diagnosis.known import Known
 from gatjax.diagnosis.outage import outage
 from gatjax.diagnosis.pruning import pruned
@@ -45,6 +46,24 @@ def claims(judge: Known, missing: Sequence[int]) -> list[Claim]:
     return out
 
 
+def second(
+    judge: Known, index: int, joint: Joint, first: Fit
+) -> tuple[float, Fit] | None:
+    """Nats over what is known, and fit, of losses at a joint beside another cause.
+
+    None where they do not explain all but noise.
+    """
+    told = any(index in (claim.lost or {}) for claim in judge.accepted)
+    if told or first.geared or joint.assumed.geared or not joint.servoed:
+        return None
+    free, commands = joint.drawn(0.0), judge.case.commands(index)
+    found = drops.heated(free, first, commands)
+    if found.fit.rms() > drops.DECODED * joint.noise:
+        return None
+    nats = judge.score(index, found.fit, found.joint) - found.price - PLACE
+    return nats, found.fit
+
+
 def _joined(claims: list[Claim], joints: int) -> Claim:
     """One claim that commands to all joints got lost."""
     fitted: dict[int, Fit] = {}
@@ -65,12 +84,13 @@ def _decoded(judge: Known, index: int, rival: float) -> Claim | None:
     joint, known = judge.joints[index], judge.known[index]
     if not joint.servoed:
         return None  # nothing keeps two open loops together
-    if index in judge.case.pulled:
-        joint = joint.drawn(0.0)
+    begin = known
+    if index in judge.case.pulled:  # followed freely, it tells less of its numbers
+        joint, rival = joint.drawn(0.0), np.inf
         first = fits.start(joint, [(known.hypothesis, known.x)])
         known = fits.improve(joint, first, 6)[0]
     commands = judge.case.commands(index)
-    loss = drops.find(joint, known, commands, rival)
+    loss = drops.find(joint, begin, commands, rival)
     if loss.fit.rms() < drops.DECODED * joint.noise:
         loss = pruned(loss, joint, commands)
     unpowered = outage(joint, known, commands, loss)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from gatjax.diagnosis import search
+from gatjax.diagnosis import lost, search
 from gatjax.diagnosis.aliases import again, alias, covered
 from gatjax.diagnosis.bank import CAUSES, of_drive
 from gatjax.diagnosis.case import mapped
@@ -91,4 +91,9 @@ def _beside(judge: Judge, first: Claim, index: int) -> Claim:
     bank = tuple(h for h in of_drive(joint, CAUSES) if h.cause not in never)
     found = search.proposals(joint, first.fits[index], bank)
     best = max(found, key=lambda fit: judge.score(index, fit, joint))
-    return first._replace(gain=judge.score(index, best, joint), fits={index: best})
+    told = judge.score(index, best, joint), best
+    if best.rms() > lost.NOISY * joint.noise:
+        losses = lost.second(judge, index, joint, first.fits[index])
+        told = max(told, losses or told, key=lambda each: each[0])
+    nats, best = told
+    return first._replace(gain=nats, fits={index: best})
