@@ -301,11 +301,30 @@ def test_losses_are_found_beside_the_right_cause_only():
     nats, fit = lost.second(known, 0, noisy, lag)
     assert fit.rms() < 1.3 * noisy.noise
     assert np.exp(fit.x[-1]) == pytest.approx(0.06, rel=0.1)
-    assert 0.0 < nats < known.score(0, fit)  # the price of writing them down
+    price = drops.heated(noisy, lag, [command]).price
+    assert price > 10.0 and nats == pytest.approx(known.score(0, fit) - price - PLACE)
     assert lost.second(known, 0, noisy, friction) is None
     lossy = Claim(drops.LOST, np.zeros(0), (0,), {0: plain}, 9.0, lost={0: []})
     known.accepted = [lossy]
     assert lost.second(known, 0, noisy, lag) is None
+
+
+def test_losses_of_a_drawn_joint_are_looked_for_from_what_it_tells_there(monkeypatch):
+    noisy, command, _ = slowed("coulomb_friction", np.log([0.5]), 19, 0.6)
+    drawn, friction = noisy.drawn(30.0), by_cause("coulomb_friction")
+    begin = fits.start(drawn, [(friction, np.append(np.zeros(COUNT), np.log(0.5)))])
+    known, seen = Known.__new__(Known), []
+    known.joints, known.known, known.case = [drawn], begin, Asked(command)
+    object.__setattr__(known.case, "pulled", {0: 30.0})
+
+    def find(joint, base, commands, rival):
+        seen.append((base.x, rival, "pull" in joint.nominal))
+        return drops.Losses([np.zeros(250, bool)], joint, base, 0.0)
+
+    monkeypatch.setattr(drops, "find", find)
+    assert lost._decoded(known, 0, 1e-3) is None
+    ((x, rival, pulled),) = seen
+    assert x is begin[0].x and rival == np.inf and not pulled
 
 
 def test_a_search_for_losses_that_is_stuck_goes_on_with_more_freedom(monkeypatch):

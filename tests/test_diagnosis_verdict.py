@@ -247,6 +247,33 @@ def test_lost_commands_are_looked_at_alone_though_they_have_no_size(named):
     assert named(Told({"": -50.0}), alone, second) == ["elastic"]
 
 
+@pytest.mark.parametrize(("joints", "places"), [
+    (2, [(0, 1)]),
+    (4, [(0,), (1,)]),  # half of the joints: each its own
+])  # fmt: skip
+def test_commands_that_most_joints_lost_one_after_the_other_are_lost_to_all(
+    monkeypatch, joints, places
+):
+    losses = [
+        claim("dropped_commands", gain)._replace(
+            where=(k,), fits={k: FIT}, lost={k: [np.ones(4, bool)]}, coded=7.0
+        )
+        for k, gain in enumerate((100.0, 99.0))
+    ]
+    judge = Told({}, losses)
+    judge.most, judge.joints, judge.fork = 2, [None] * joints, lambda: judge
+    judge.current, judge.apart = lambda claim: claim, bool
+    for name in ("whole", "worth_naming", "adequate"):
+        monkeypatch.setattr(verdict, name, lambda *_: True)
+    monkeypatch.setattr(verdict, "_everywhere", lambda judge: [])
+    monkeypatch.setattr(verdict, "instead", lambda judge, causes, _: (judge, causes))
+    found = verdict.decide(judge).causes
+    assert sorted(cause.claim.where for cause in found) == places
+    if len(places) == 1:
+        (whole,) = (cause.claim for cause in found)
+        assert whole.coded == 14.0 and set(whole.lost) == set(whole.fits) == {0, 1}
+
+
 def test_a_cause_of_the_joint_that_carries_a_link_is_looked_for_again(named):
     load = claim("payload")._replace(where=(1,), fits={1: FIT})
     second = verdict.Cause(load, 0.9, [], [])

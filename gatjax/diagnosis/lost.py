@@ -41,9 +41,8 @@ def claims(judge: Known, missing: Sequence[int]) -> list[Claim]:
     judge.losses |= dict(zip(noisy, found, strict=True))
     out = [claim for claim in judge.losses.values() if claim is not None]
     good = [claim for claim in out if claim.lost and claim.gain > WORTH]
-    if len(good) > MOST * len(judge.joints) and len(judge.joints) > 1:
-        out.append(_joined(good, len(judge.joints)))
-    return out
+    whole = joined(good, len(judge.joints))
+    return out if whole is None else [*out, whole]
 
 
 def second(
@@ -64,8 +63,15 @@ def second(
     return nats, found.fit
 
 
-def _joined(claims: list[Claim], joints: int) -> Claim:
-    """One claim that commands to all joints got lost."""
+def joined(claims: Sequence[Claim], joints: int) -> Claim | None:
+    """One claim that commands to all joints got lost, if most of them lost some.
+
+    Args:
+        claims: about joints that lost commands, one each.
+        joints: of the robot.
+    """
+    if len(claims) < 2 or len(claims) <= MOST * joints:
+        return None
     fitted: dict[int, Fit] = {}
     lost: dict[int, list[np.ndarray]] = {}
     for claim in claims:

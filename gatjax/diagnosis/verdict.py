@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from gatjax.diagnosis import agreed, everywhere, pairs
+from gatjax.diagnosis import agreed, everywhere, lost, pairs
 from gatjax.diagnosis import case as cases
 from gatjax.diagnosis.aliases import alias
 from gatjax.diagnosis.claims import LATER, Claim
@@ -116,7 +116,20 @@ def decide(judge: Judge) -> Verdict:
     if not causes:  # what was left aside is no agreement
         left = sorted({*left, *judge.case.aside})
     causes = [cause._replace(claim=judge.current(cause.claim)) for cause in causes]
+    causes = _together(causes, len(judge.joints))
     return Verdict(word(causes, left), causes, left, law, claims, judge)
+
+
+def _together(causes: list[Cause], joints: int) -> list[Cause]:
+    """Causes, lost commands of one joint after the other as those of all joints."""
+    some = [cause for cause in causes if cause.claim.lost]
+    whole = lost.joined([cause.claim for cause in some], joints)
+    if whole is None:
+        return causes
+    sure = max(cause.probability for cause in some)
+    told = some[0]._replace(claim=whole, probability=sure)
+    kept = (c for c in causes if c is some[0] or not c.claim.lost)
+    return [told if cause is some[0] else cause for cause in kept]
 
 
 def _beside(judge: Judge, claim: Claim, shut: frozenset[int]) -> bool:
