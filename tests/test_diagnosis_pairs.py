@@ -258,3 +258,22 @@ def test_two_causes_that_leave_a_little_give_way_to_two_that_explain_more(
         "viscous": {"torque": 250.0},
     }  # fmt: skip
     assert told(script, {"any"})[1] == named
+
+
+@pytest.mark.parametrize(("left", "more", "lossy"), [
+    (3.0, 5.0, True),
+    (3.0, -5.0, False),  # another cause explains more
+    (1.5, 5.0, False),  # that one leaves no room for losses
+])  # fmt: skip
+def test_losses_are_tried_beside_a_first_cause(monkeypatch, left, more, lossy):
+    judge = Scripted({}, set())
+    other, losses = fit(left), fit(1.0)
+    judge.case = None
+    judge.score = lambda index, found, joint: 40.0
+    monkeypatch.setattr(pairs, "changed", lambda case, claim, index, joint: joint)
+    monkeypatch.setattr(pairs, "of_drive", lambda joint, bank: bank)
+    monkeypatch.setattr(pairs.search, "proposals", lambda *_: [other])
+    monkeypatch.setattr(pairs.lost, "second", lambda *_: (40.0 + more, losses))
+    found = pairs._beside(judge, claim("gain"), 0)
+    assert found.fits[0] is (losses if lossy else other)
+    assert found.gain == (45.0 if lossy else 40.0)
