@@ -16,6 +16,7 @@ from gatjax.diagnosis import (
     motion,
     noise,
     outage,
+    patterns,
     quantum,
     ripple,
 )
@@ -221,14 +222,14 @@ def test_lost_targets_are_found_in_the_motion_without_them(share):
     known = fits.start(noisy, [(None, np.zeros(COUNT))])[0]
     found = drops.find(noisy, known, [command])
     assert known.rms() > 5.0 * noisy.noise and found.fit.rms() < 1.2 * noisy.noise
-    told = drops.statistics(found.lost, [command])
+    told = patterns.statistics(found.lost, [command])
     assert told["probability"] == pytest.approx(share, abs=0.1)
-    assert found.price == pytest.approx(drops.length(found.lost) / 10.0)
+    assert found.price == pytest.approx(patterns.length(found.lost) / 10.0)
     left = pruned(found, noisy, [command])
-    assert drops.length(left.lost) <= drops.length(found.lost)
-    told = drops.statistics(left.lost, [command])
+    assert patterns.length(left.lost) <= patterns.length(found.lost)
+    told = patterns.statistics(left.lost, [command])
     assert told["probability"] == pytest.approx(share, abs=0.1)
-    assert left.price == pytest.approx(drops.length(left.lost) / 10.0)
+    assert left.price == pytest.approx(patterns.length(left.lost) / 10.0)
 
 
 def test_a_few_losses_are_told_from_many_that_explain_nothing():
@@ -389,11 +390,11 @@ def test_a_pattern_of_losses_costs_the_entropy_of_its_bursts():
     lost = chain(count, begin, end)
     share = begin / (begin + end)
     nats = count * ((1.0 - share) * entropy(begin) + share * entropy(end))
-    assert drops.length([lost]) == pytest.approx(nats, rel=0.03)
-    assert drops.chances([lost]) == pytest.approx((begin, end), rel=0.1)
+    assert patterns.length([lost]) == pytest.approx(nats, rel=0.03)
+    assert patterns.chances([lost]) == pytest.approx((begin, end), rel=0.1)
     alone = np.random.default_rng(0).permutation(lost)  # as many, one by one
-    assert drops.length([alone]) == pytest.approx(count * entropy(share), rel=0.03)
-    assert drops.length([alone]) > 1.2 * drops.length([lost])
+    assert patterns.length([alone]) == pytest.approx(count * entropy(share), rel=0.03)
+    assert patterns.length([alone]) > 1.2 * patterns.length([lost])
 
 
 @pytest.mark.parametrize(("begin", "end"), [(0.06, 0.33), (0.4, 0.6), (0.02, 0.33)])
@@ -402,7 +403,7 @@ def test_nine_in_ten_logs_hold_the_probability_of_a_loss_in_its_interval(begin, 
     share, inside = begin / (begin + end), 0
     for seed in range(200):
         command = np.cumsum(rng.normal(size=1000))
-        low, high = drops.within([chain(1000, begin, end, seed)], [command])
+        low, high = patterns.within([chain(1000, begin, end, seed)], [command])
         assert 0.0 <= low < high <= 1.0
         inside += low <= share <= high
     assert 170 <= inside <= 196  # 180, and three deviations of a binomial
@@ -412,11 +413,11 @@ def test_of_a_few_steps_every_one_tells_what_gets_lost():
     command = np.repeat(np.arange(12.0) ** 2, 50)  # larger and larger
     lost = np.zeros(600, bool)
     lost[[50, 51, 52, 100, 250, 251, 350]] = True  # four of eleven steps come late
-    told = drops.statistics([lost], [command])
+    told = patterns.statistics([lost], [command])
     assert told == {"probability": pytest.approx(4 / 11), "burst": pytest.approx(7 / 4)}
-    low, high = drops.within([lost], [command])
+    low, high = patterns.within([lost], [command])
     assert low < 0.25 and high > 0.5
-    assert drops.statistics([lost], [np.zeros(600)])["probability"] == 0.0
+    assert patterns.statistics([lost], [np.zeros(600)])["probability"] == 0.0
 
 
 def test_losses_of_a_motion_that_lost_nothing_are_not_worth_their_price():
@@ -521,11 +522,11 @@ def test_losses_that_change_nothing_do_not_count():
     command = np.sin(np.arange(2000) * 0.05)
     lost = rng.uniform(size=2000) < 0.3
     lost[np.abs(np.gradient(command)) < 0.03] = False  # not to be seen
-    found = drops.statistics([lost], [command])
+    found = patterns.statistics([lost], [command])
     assert found["probability"] == pytest.approx(0.3, abs=0.04)
     assert found["burst"] == pytest.approx(1.0 / 0.7, abs=0.15)
     square = np.where(np.arange(2000) % 20 < 10, 0.5, 0.0)
-    even = drops.statistics([rng.uniform(size=2000) < 0.3], [square])
+    even = patterns.statistics([rng.uniform(size=2000) < 0.3], [square])
     assert even["probability"] == pytest.approx(0.3, abs=0.08)  # all changes are equal
 
 
@@ -606,16 +607,17 @@ def test_lost_commands_that_are_looked_at_alone_forget_what_was_known_beside_the
 
 
 @pytest.mark.parametrize(("chance", "low", "high"), [
-    (lambda change: 0.3, -3.0, drops.SELECTIVE),  # on the way
+    (lambda change: 0.3, -3.0, patterns.SELECTIVE),  # on the way
     (lambda change: np.where(change < 0.01, 0.0, 0.3), -99.0, 0.0),  # and not all seen
-    (lambda change: np.where(change < 0.02, 0.6, 0.0), drops.SELECTIVE, 99.0),  # sticks
+    # and as a joint that sticks looks like
+    (lambda change: np.where(change < 0.02, 0.6, 0.0), patterns.SELECTIVE, 99.0),
 ])  # fmt: skip
 def test_losses_on_the_way_do_not_depend_on_what_is_lost(chance, low, high):
     rng = np.random.default_rng(1)
     command = np.sin(np.arange(1500) * 0.05)
     share = chance(np.abs(np.diff(command, prepend=command[0])))
     lost = rng.uniform(size=1500) < share
-    assert low < drops.selective([lost], [command]) < high
+    assert low < patterns.selective([lost], [command]) < high
 
 
 def bursts(share, rng, ticks=400, mean=4):
@@ -632,19 +634,19 @@ def test_losses_on_the_way_do_not_depend_on_the_motion():
     rng = np.random.default_rng(2)
     fast, slow = (np.sin(np.arange(400) * each) for each in (0.3, 0.05))
     even = [
-        drops.evenly([bursts(0.2, rng), bursts(0.2, rng)], [fast, slow], 1e-3)
+        patterns.evenly([bursts(0.2, rng), bursts(0.2, rng)], [fast, slow], 1e-3)
         for _ in range(100)
     ]
     assert np.mean(np.array(even) < 0.05) < 0.12
-    assert min(even) > drops.UNLIKELY
-    apart = drops.evenly([bursts(0.4, rng), bursts(1e-9, rng)], [fast, slow], 1e-3)
-    assert apart < drops.UNLIKELY
-    assert drops.evenly([bursts(0.4, rng)] * 2, [fast, 0.0 * slow], 1e-3) == 1.0
+    assert min(even) > patterns.UNLIKELY
+    apart = patterns.evenly([bursts(0.4, rng), bursts(1e-9, rng)], [fast, slow], 1e-3)
+    assert apart < patterns.UNLIKELY
+    assert patterns.evenly([bursts(0.4, rng)] * 2, [fast, 0.0 * slow], 1e-3) == 1.0
 
 
 def test_a_command_that_never_moves_loses_nothing():
     still = np.zeros(100)
-    assert drops.selective([still > 1.0], [still]) == 0.0
+    assert patterns.selective([still > 1.0], [still]) == 0.0
 
 
 @pytest.mark.parametrize(("count", "joints", "cost"), [

@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from gatjax.diagnosis import drops
+from gatjax.diagnosis import patterns
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.fit import Fit
 from gatjax.diagnosis.hypotheses import COUNT, TOLERANCES, numbers
@@ -39,7 +39,7 @@ def parameters(judge: Judge, claim: Claim) -> dict[str, float]:
     if claim.stance is not None:
         return claim.stance.values
     if claim.lost:
-        return drops.statistics(*pattern(judge, claim))
+        return patterns.statistics(*pattern(judge, claim))
     values = claim.hypothesis.values(_driven(judge, claim), claim.own)
     return {name: float(value) for name, value in values.items()}
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gatjax.diagnosis import drops
+from gatjax.diagnosis import drops, patterns
 from gatjax.diagnosis import fit as fits
 from gatjax.diagnosis.case import mapped
 from gatjax.diagnosis.claims import PLACE, WORTH, Claim
@@ -111,8 +111,8 @@ def _decoded(judge: Known, index: int, rival: float) -> Claim | None:
 
     heard = np.flatnonzero(joint.valid.any(1))  # not left aside
     told = [loss.lost[run] for run in heard], [commands[run] for run in heard]
-    even = drops.evenly(*told, joint.noise) > drops.UNLIKELY
-    random = even and drops.selective(*told) < drops.SELECTIVE
+    even = patterns.evenly(*told, joint.noise) > patterns.UNLIKELY
+    random = even and patterns.selective(*told) < patterns.SELECTIVE
     right = [
         claim(found)._replace(lost={index: loss.lost} if found is loss else None)
         for found in (loss if random else None, unpowered)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from gatjax.data.trajectories import JointRun
-from gatjax.diagnosis import drops, extend
+from gatjax.diagnosis import extend, patterns
 from gatjax.diagnosis.claims import Claim
 from gatjax.diagnosis.excerpt import source
 from gatjax.diagnosis.fit import LEFT
@@ -47,7 +47,7 @@ def interval(verdict: Verdict, claim: Claim, seed: int) -> dict[str, dict[str, A
             for name, value in drawn.items():
                 draws[name].append(value)
     elif claim.lost:
-        draws["probability"] += drops.within(*extend.pattern(verdict.judge, claim))
+        draws["probability"] += patterns.within(*extend.pattern(verdict.judge, claim))
     out = {}
     for name, value in best.items():
         low_value, high_value = np.quantile(draws[name], (0.05, 0.95))
