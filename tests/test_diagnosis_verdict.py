@@ -247,22 +247,27 @@ def test_lost_commands_are_looked_at_alone_though_they_have_no_size(named):
     assert named(Told({"": -50.0}), alone, second) == ["elastic"]
 
 
-@pytest.mark.parametrize(("joints", "places"), [
-    (2, [(0, 1)]),
-    (4, [(0,), (1,)]),  # half of the joints: each its own
+@pytest.mark.parametrize(("joints", "share", "places"), [
+    (2, 0.4, [(0, 1)]),
+    (3, 0.1, [(0, 1, 2)]),  # most joints
+    (4, 0.4, [(0, 1)]),  # half of the joints: theirs, if one share suits both
+    (4, 0.1, [(0,), (1,)]),
 ])  # fmt: skip
-def test_commands_that_most_joints_lost_one_after_the_other_are_lost_to_all(
-    monkeypatch, joints, places
+def test_commands_that_joints_lost_one_after_the_other_are_one_cause(
+    monkeypatch, joints, share, places
 ):
+    rng = np.random.default_rng(0)
+    masks = [rng.uniform(size=500) < each for each in (0.4, share)]
     losses = [
         claim("dropped_commands", gain)._replace(
-            where=(k,), fits={k: FIT}, lost={k: [np.ones(4, bool)]}, coded=7.0
+            where=(k,), fits={k: FIT}, lost={k: [masks[k]]}, coded=7.0
         )
         for k, gain in enumerate((100.0, 99.0))
     ]
     judge = Told({}, losses)
     judge.most, judge.joints, judge.fork = 2, [None] * joints, lambda: judge
     judge.current, judge.apart = lambda claim: claim, bool
+    judge.case.commands = lambda index: [np.sin(0.1 * np.arange(500))]
     for name in ("whole", "worth_naming", "adequate"):
         monkeypatch.setattr(verdict, name, lambda *_: True)
     monkeypatch.setattr(verdict, "_everywhere", lambda judge: [])

@@ -72,14 +72,38 @@ def joined(claims: Sequence[Claim], joints: int) -> Claim | None:
     """
     if len(claims) < 2 or len(claims) <= MOST * joints:
         return None
+    return _summed(claims, tuple(range(joints)))
+
+
+def _summed(claims: Sequence[Claim], where: tuple[int, ...]) -> Claim:
+    """Claims about joints that lost commands as one of some place."""
     fitted: dict[int, Fit] = {}
     lost: dict[int, list[np.ndarray]] = {}
     for claim in claims:
         fitted |= claim.fits
         lost |= claim.lost or {}
     gain = sum(claim.gain + PLACE for claim in claims) - PLACE
-    whole = Claim(drops.LOST, np.zeros(0), tuple(range(joints)), fitted, gain)
+    whole = Claim(drops.LOST, np.zeros(0), where, fitted, gain)
     return whole._replace(lost=lost, coded=sum(claim.coded for claim in claims))
+
+
+def together(judge: Known, claims: Sequence[Claim]) -> Claim | None:
+    """One claim about the joints of several that lost commands, if they are alike.
+
+    They are of all joints if most lost some, else of theirs if one share suits each.
+    """
+    whole = joined(claims, len(judge.joints))
+    if whole is not None or len(claims) < 2:
+        return whole
+    rows = [(k, masks) for each in claims for k, masks in (each.lost or {}).items()]
+    least, most = zip(
+        *(patterns.within(masks, judge.case.commands(k)) for k, masks in rows),
+        strict=True,
+    )
+    if max(least) > min(most):
+        return None
+    places = tuple(sorted(k for k, _ in rows))
+    return _summed(claims, places)
 
 
 def _decoded(judge: Known, index: int, rival: float) -> Claim | None:

@@ -116,14 +116,14 @@ def decide(judge: Judge) -> Verdict:
     if not causes:  # what was left aside is no agreement
         left = sorted({*left, *judge.case.aside})
     causes = [cause._replace(claim=judge.current(cause.claim)) for cause in causes]
-    causes = _together(causes, len(judge.joints))
+    causes = _together(judge, causes)
     return Verdict(word(causes, left), causes, left, law, claims, judge)
 
 
-def _together(causes: list[Cause], joints: int) -> list[Cause]:
-    """Causes, lost commands of one joint after the other as those of all joints."""
+def _together(judge: Judge, causes: list[Cause]) -> list[Cause]:
+    """Causes, lost commands of one joint after the other as one if they are alike."""
     some = [cause for cause in causes if cause.claim.lost]
-    whole = lost.joined([cause.claim for cause in some], joints)
+    whole = lost.together(judge, [cause.claim for cause in some])
     if whole is None:
         return causes
     sure = max(cause.probability for cause in some)
