@@ -216,4 +216,4 @@ def test_what_was_lost_costs_what_it_takes_to_write_it_down():
     judge.accepted = [own]
     assert before - judge.evidence() == pytest.approx(38.0)
     other = own._replace(where=(1,), fits={1: fit}, lost={1: []}, coded=4.0)
-    assert lost._joined([own._replace(lost={0: []}), other], 2).coded == 42.0
+    assert lost.joined([own._replace(lost={0: []}), other], 2).coded == 42.0
