@@ -209,16 +209,26 @@ def test_a_joint_feels_the_gravity_that_its_tilt_says(variant, size, was):
         assert parameter.low <= said[parameter.name] <= parameter.high
 
 
+def losing(rng, lost, drive=None):
+    """A noisy joint [1, 250] whose servo misses lost commands [250], and commands."""
+    bare = joint(wave)
+    command = np.array([wave(t) for t in bare.time[0]])
+    held = drops.with_commands(bare, [command], [lost])
+    angle = held.simulate([drive or {}], False)[..., 0]
+    return bare._replace(measured=angle + rng.normal(0.0, 7e-4, (1, 250))), command
+
+
+def often(rng, share):
+    """Lost commands [250], this share of them, but for the first one."""
+    lost = rng.uniform(size=250) < share
+    lost[0] = False
+    return lost
+
+
 @pytest.mark.parametrize("share", [0.03, 0.2, 0.5])
 def test_lost_targets_are_found_in_the_motion_without_them(share):
     rng = np.random.default_rng(3)
-    bare = joint(wave)
-    command = np.array([wave(t) for t in bare.time[0]])
-    lost = rng.uniform(size=len(command)) < share
-    lost[0] = False
-    held = drops.with_commands(bare, [command], [lost])
-    angle = held.simulate([{}], False)[..., 0] + rng.normal(0.0, 7e-4, (1, 250))
-    noisy = bare._replace(measured=angle)
+    noisy, command = losing(rng, often(rng, share))
     known = fits.start(noisy, [(None, np.zeros(COUNT))])[0]
     found = drops.find(noisy, known, [command])
     assert known.rms() > 5.0 * noisy.noise and found.fit.rms() < 1.2 * noisy.noise
@@ -233,14 +243,9 @@ def test_lost_targets_are_found_in_the_motion_without_them(share):
 
 
 def test_a_few_losses_are_told_from_many_that_explain_nothing():
-    rng = np.random.default_rng(3)
-    bare = joint(wave)
-    command = np.array([wave(t) for t in bare.time[0]])
-    lost = np.zeros(len(command), bool)
+    rng, lost = np.random.default_rng(3), np.zeros(250, bool)
     lost[[60, 61, 62, 63, 150, 151, 152]] = True
-    held = drops.with_commands(bare, [command], [lost])
-    angle = held.simulate([{}], False)[..., 0] + rng.normal(0.0, 7e-4, (1, 250))
-    noisy = bare._replace(measured=angle)
+    noisy, command = losing(rng, lost)
     many = lost | (rng.uniform(size=len(lost)) < 0.15)
     many[[0, 59, 64, 149, 153]] = False  # the two bursts stand alone
     now = drops.with_commands(noisy, [command], [many])
@@ -254,14 +259,9 @@ def test_a_few_losses_are_told_from_many_that_explain_nothing():
 
 def test_losses_of_a_robot_off_its_nominal_numbers_need_another_start():
     rng = np.random.default_rng(0)  # from nominal numbers, 1.8 times the noise is left
-    bare = joint(wave)
-    command = np.array([wave(t) for t in bare.time[0]])
-    lost = rng.uniform(size=len(command)) < 0.35
-    lost[0] = False
-    held = drops.with_commands(bare, [command], [lost])
-    drive = numbers(bare, None, 1.2 * rng.normal(size=COUNT))
-    angle = held.simulate([drive], False)[..., 0] + rng.normal(0.0, 7e-4, (1, 250))
-    noisy = bare._replace(measured=angle)
+    lost = often(rng, 0.35)
+    drive = numbers(joint(wave), None, 1.2 * rng.normal(size=COUNT))
+    noisy, command = losing(rng, lost, drive)
     known = fits.start(noisy, [(None, np.zeros(COUNT))])[0]
     found = drops.find(noisy, known, [command])
     assert found.fit.rms() < 1.3 * noisy.noise
@@ -269,14 +269,10 @@ def test_losses_of_a_robot_off_its_nominal_numbers_need_another_start():
 
 def slowed(cause, own, seed, share):
     """A joint with a cause that loses commands, these, and its fit without losses."""
-    bare, rng = joint(wave), np.random.default_rng(seed)
-    command = np.array([wave(t) for t in bare.time[0]])
-    lost = rng.uniform(size=len(command)) < share
-    lost[0] = False
-    drive = numbers(bare, by_cause(cause), np.append(rng.normal(size=COUNT), own))
-    held = drops.with_commands(bare, [command], [lost])
-    angle = held.simulate([drive], False)[..., 0] + rng.normal(0.0, 7e-4, (1, 250))
-    noisy = bare._replace(measured=angle)
+    rng, law = np.random.default_rng(seed), by_cause(cause)
+    lost = often(rng, share)
+    x = np.append(rng.normal(size=COUNT), own)
+    noisy, command = losing(rng, lost, numbers(joint(wave), law, x))
     plain = fits.start(noisy, [(None, np.zeros(COUNT))])
     return noisy, command, fits.improve(noisy, plain, 12)[0]
 
@@ -302,8 +298,8 @@ def test_losses_are_found_beside_the_right_cause_only():
     nats, fit = lost.second(known, 0, noisy, lag)
     assert fit.rms() < 1.3 * noisy.noise
     assert np.exp(fit.x[-1]) == pytest.approx(0.06, rel=0.1)
-    price = drops.heated(noisy, lag, [command]).price
-    assert price > 10.0 and nats == pytest.approx(known.score(0, fit) - price - PLACE)
+    paid = drops.heated(noisy, lag, [command]).price
+    assert paid > 10.0 and nats == pytest.approx(known.score(0, fit) - paid - PLACE)
     assert lost.second(known, 0, noisy, friction) is None
     lossy = Claim(drops.LOST, np.zeros(0), (0,), {0: plain}, 9.0, lost={0: []})
     known.accepted = [lossy]

@@ -31,8 +31,7 @@ def claims(judge: Known, missing: Sequence[int]) -> list[Claim]:
     noisy = [
         k for k in missing
         if left[k] > NOISY * judge.joints[k].noise
-        and not (judge.known[k].geared or judge.joints[k].assumed.geared)
-        and not any(k in (claim.lost or {}) for claim in judge.accepted)
+        and _decodable(judge, k, judge.known[k])
     ]  # fmt: skip
     judge.losses = {k: v for k, v in judge.losses.items() if k not in missing}
     found = mapped(
@@ -52,8 +51,7 @@ def second(
 
     None where they do not explain all but noise.
     """
-    told = any(index in (claim.lost or {}) for claim in judge.accepted)
-    if told or first.geared or joint.assumed.geared or not joint.servoed:
+    if not _decodable(judge, index, first):
         return None
     free, commands = joint.drawn(0.0), judge.case.commands(index)
     found = drops.heated(free, first, commands)
@@ -61,6 +59,17 @@ def second(
         return None
     nats = judge.score(index, found.fit, found.joint) - found.price - PLACE
     return nats, found.fit
+
+
+def _decodable(judge: Known, index: int, known: Fit) -> bool:
+    """Whether losses can be looked for at a joint beside a fit, and are not told yet.
+
+    A gear is not simulated there, and without a servo nothing keeps two open loops
+    together.
+    """
+    joint = judge.joints[index]
+    told = any(index in (claim.lost or {}) for claim in judge.accepted)
+    return joint.servoed and not (told or known.geared or joint.assumed.geared)
 
 
 def joined(claims: Sequence[Claim], joints: int) -> Claim | None:
@@ -112,8 +121,6 @@ def _decoded(judge: Known, index: int, rival: float) -> Claim | None:
     `rival` is what the best other explanation leaves, rad.
     """
     joint, known = judge.joints[index], judge.known[index]
-    if not joint.servoed:
-        return None  # nothing keeps two open loops together
     begin = known
     if index in judge.case.pulled:  # followed freely, it tells less of its numbers
         joint, rival = joint.drawn(0.0), np.inf
